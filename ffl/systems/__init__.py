@@ -1,0 +1,1 @@
+"""Linear systems: zeros, poles, gain; two-sided filtering; closed loops; plant files."""
