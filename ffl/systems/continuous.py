@@ -11,7 +11,9 @@ from ffl.systems.state_space import StateSpace
 from ffl.systems.zpk import Zpk
 
 
-def zero_order_hold(zeros: ArrayLike, poles: ArrayLike, gain: float, sample_time: float) -> StateSpace:
+def zero_order_hold(
+    zeros: ArrayLike, poles: ArrayLike, gain: float, sample_time: float
+) -> StateSpace:
     """gain * prod(s - zeros) / prod(s - poles) under a zero-order hold, as discrete state space.
 
     The continuous state space is assembled section by section (the same sections serve, with s for

@@ -39,6 +39,4 @@ def from_control(system: Any) -> Zpk | StateSpace:
         return StateSpace(system.A, system.B, system.C, system.D, float(dt))
     numerator, denominator = system.num[0][0], system.den[0][0]
     numerator = np.trim_zeros(np.asarray(numerator, float), "f")
-    return Zpk(
-        system.zeros(), system.poles(), float(numerator[0] / denominator[0]), float(dt)
-    )
+    return Zpk(system.zeros(), system.poles(), float(numerator[0] / denominator[0]), float(dt))

@@ -40,9 +40,7 @@ class Controller:
         zero = np.zeros((cr.order, cy.order))
         a = np.block([[cr.a, zero], [zero.T, cy.a]])
         b = np.block([[cr.b, np.zeros_like(cr.b)], [np.zeros_like(cy.b), -cy.b]])
-        return StateSpace(
-            a, b, np.hstack([cr.c, cy.c]), np.hstack([cr.d, -cy.d]), cr.sample_time
-        )
+        return StateSpace(a, b, np.hstack([cr.c, cy.c]), np.hstack([cr.d, -cy.d]), cr.sample_time)
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,9 @@ def closed_loop(plant: Zpk | StateSpace, controller: Controller | None) -> Loop:
     """
     p = as_state_space(plant)
     if controller is None:
-        c = StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[0.0, 0.0]], p.sample_time)
+        c = StateSpace(
+            np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[0.0, 0.0]], p.sample_time
+        )
     else:
         c = controller.state_space
         if abs(c.sample_time - p.sample_time) > 1e-9 * p.sample_time:

@@ -56,7 +56,9 @@ def move_times(move: Move) -> tuple[float, float, float, float]:
         full = move.acceleration
         if velocity / full >= ramp(full):
             return full
-        return float(brentq(lambda a: velocity / a - ramp(a), full * 1e-12, full, xtol=1e-15 * full))
+        return float(
+            brentq(lambda a: velocity / a - ramp(a), full * 1e-12, full, xtol=1e-15 * full)
+        )
 
     def excess(velocity: float) -> float:
         a = acceleration_for(velocity)

@@ -124,7 +124,8 @@ class StateSpace:
         points = np.atleast_1d(np.asarray(z, complex))
         eye = np.eye(self.order)
         inner = np.linalg.solve(
-            points[:, None, None] * eye - self.a, np.broadcast_to(self.b, (points.size, *self.b.shape))
+            points[:, None, None] * eye - self.a,
+            np.broadcast_to(self.b, (points.size, *self.b.shape)),
         )
         value = self.c @ inner + self.d
         return value[:, 0, 0] if self.d.shape == (1, 1) else value
@@ -147,9 +148,7 @@ def series(first: StateSpace, second: StateSpace) -> StateSpace:
         raise InputError(
             f"series: sample times {first.sample_time} and {second.sample_time} differ; resample one"
         )
-    a = np.block(
-        [[first.a, np.zeros((first.order, second.order))], [second.b @ first.c, second.a]]
-    )
+    a = np.block([[first.a, np.zeros((first.order, second.order))], [second.b @ first.c, second.a]])
     return StateSpace(
         a,
         np.vstack([first.b, second.b @ first.d]),

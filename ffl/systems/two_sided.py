@@ -62,7 +62,9 @@ def split(system: Zpk) -> Split:
     """
     refuse_unit_circle(system, "the system")
     advance = max(0, -system.relative_degree)
-    proper = Zpk(system.zeros, system.poles, system.gain, system.sample_time, system.delay + advance)
+    proper = Zpk(
+        system.zeros, system.poles, system.gain, system.sample_time, system.delay + advance
+    )
     ss = proper.state_space()
     t, q, k = scipy.linalg.schur(ss.a, output="real", sort="iuc")
     b, c = q.T @ ss.b, ss.c @ q
@@ -83,9 +85,7 @@ def split(system: Zpk) -> Split:
     return Split(causal, anticausal, advance)
 
 
-def two_sided_filter(
-    system: Zpk | Split, x: ArrayLike, before: int = 0, after: int = 0
-) -> Array:
+def two_sided_filter(system: Zpk | Split, x: ArrayLike, before: int = 0, after: int = 0) -> Array:
     """Bounded response to `x` (N samples, zero outside), on the samples -before .. N-1+after.
 
     The stable part is filtered forwards, the anti-stable part backwards; both are exact on the

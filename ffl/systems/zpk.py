@@ -121,7 +121,9 @@ class Zpk:
                 self.gain,
                 self.sample_time,
             ).state_space()
-        total = StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 1.0, self.sample_time)
+        total = StateSpace(
+            np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 1.0, self.sample_time
+        )
         for group, zeros in _sections(poles, self.zeros):
             total = series(total, _section(group, zeros, self.sample_time))
         return StateSpace(
@@ -165,7 +167,9 @@ def _take_nearest(pool: list[complex], target: complex) -> complex:
     return pool.pop(int(np.argmin([abs(root - target) for root in pool])))
 
 
-def _sections(poles: ComplexArray, zeros: ComplexArray) -> list[tuple[list[complex], list[complex]]]:
+def _sections(
+    poles: ComplexArray, zeros: ComplexArray
+) -> list[tuple[list[complex], list[complex]]]:
     """Groups of one or two poles with at most as many zeros, complex pairs kept together."""
     pairs = sorted((p for p in poles if p.imag > 0), key=lambda p: -abs(p))
     reals = [p for p in poles if p.imag == 0]

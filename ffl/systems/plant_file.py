@@ -1,0 +1,328 @@
+"""Plant files: TOML at the border, checked key by key, turned into a `Plant` and back."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ffl.errors import InputError
+from ffl.systems.atomic import write_text
+from ffl.systems.continuous import zero_order_hold
+from ffl.systems.loop import Controller
+from ffl.systems.plant import EffectSpec, Imperfections, Physics, Plant
+from ffl.systems.state_space import StateSpace
+from ffl.systems.toml_text import to_toml
+from ffl.systems.zpk import Zpk
+
+Root = float | Annotated[list[float], Field(min_length=2, max_length=2)]
+Row = list[float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+
+class ZpkForm(Strict):
+    form: Literal["zpk", "czpk"]
+    zeros: list[Root] = []
+    poles: list[Root] = []
+    gain: float
+    delay: Annotated[int, Field(ge=0)] = 0
+
+    def build(self, sample_time: float, where: str) -> Zpk | StateSpace:
+        zeros = _roots(self.zeros, f"{where}.zeros")
+        poles = _roots(self.poles, f"{where}.poles")
+        try:
+            if self.form == "zpk":
+                system = Zpk(zeros, poles, self.gain, sample_time, self.delay)
+                if system.relative_degree < 0:
+                    raise InputError("more zeros than poles: a plant or controller must be proper")
+                return system
+            held = zero_order_hold(zeros, poles, self.gain, sample_time)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        return held if not self.delay else _delayed(held, self.delay)
+
+
+class StateSpaceForm(Strict):
+    form: Literal["ss"]
+    A: list[Row]
+    B: list[Row] | Row
+    C: list[Row] | Row
+    D: list[Row] | Row | float = 0.0
+    delay: Annotated[int, Field(ge=0)] = 0
+
+    def build(self, sample_time: float, where: str) -> StateSpace:
+        try:
+            a = np.atleast_2d(np.array(self.A, float))
+            system = StateSpace(
+                a, np.array(self.B, float), np.array(self.C, float), self.D, sample_time
+            )  # type: ignore[arg-type]
+        except (ValueError, InputError) as error:
+            raise InputError(f"{where}: {error}; A, B, C, D must have matching shapes") from None
+        return system if not self.delay else _delayed(system, self.delay)
+
+
+SystemForm = Annotated[ZpkForm | StateSpaceForm, Field(discriminator="form")]
+
+
+class TwoDegreeForm(Strict):
+    reference: SystemForm
+    output: SystemForm
+
+
+class UnitsForm(Strict):
+    input: str = ""
+    output: str = ""
+
+
+class PhysicsForm(Strict):
+    mass: Positive | None = None
+    motor_constant: Positive | None = None
+
+
+class MachineForm(Strict):
+    encoder_resolution: NotNegative = 0.0
+    sensor_noise: NotNegative = 0.0
+    force_noise: NotNegative = 0.0
+    command_limit: Positive | None = None
+
+
+class EffectForm(BaseModel):
+    model_config = ConfigDict(extra="allow")
+    name: str
+    parameters: dict[str, Any] = {}
+
+
+class PlantForm(Strict):
+    name: str
+    sample_time: Positive
+    source: str = ""
+    units: UnitsForm = UnitsForm()
+    plant: SystemForm
+    controller: SystemForm | TwoDegreeForm | None = None
+    physics: PhysicsForm = PhysicsForm()
+    machine: MachineForm = MachineForm()
+    effects: list[EffectForm] = []
+
+
+def _delayed(system: StateSpace, delay: int) -> StateSpace:
+    from ffl.systems.state_space import series
+
+    line = Zpk(np.zeros(0), np.zeros(0), 1.0, system.sample_time, delay).state_space()
+    return series(line, system)
+
+
+def _roots(values: list[Root], where: str) -> np.ndarray:
+    roots = [complex(*value) if isinstance(value, list) else complex(value) for value in values]
+    for index, root in enumerate(roots):
+        if not np.isfinite(root):
+            raise InputError(f"{where}[{index}] = {root} is not finite; give a number")
+    return np.array(roots, complex)
+
+
+def suggest(name: str, known: list[str]) -> str:
+    """'; did you mean X?' where a known name is near, else the list of known names."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def _fields_at(model: Any, location: tuple[Any, ...]) -> list[str]:
+    """Field names of the (nested) form in which an unknown key was found."""
+    import typing
+
+    candidates = [model]
+    for step in location:
+        following: list[Any] = []
+        for candidate in candidates:
+            if isinstance(step, int) or not hasattr(candidate, "model_fields"):
+                following.append(candidate)
+            elif step in candidate.model_fields:
+                queue = [candidate.model_fields[step].annotation]
+                while queue:
+                    item = queue.pop()
+                    if hasattr(item, "model_fields"):
+                        following.append(item)
+                    queue += [arg for arg in typing.get_args(item)]
+            else:  # a union member's tag
+                following.append(candidate)
+        candidates = following
+    names: set[str] = set()
+    for candidate in candidates:
+        names |= set(getattr(candidate, "model_fields", {}))
+    return sorted(names)
+
+
+def explain(error: ValidationError, form: Any, file: str) -> InputError:
+    """The first finding of pydantic as one line: file, key, what is wrong, how to mend."""
+    findings = sorted(error.errors(), key=lambda f: f["type"] != "extra_forbidden")
+    finding = findings[0]
+    location = tuple(
+        step
+        for step in finding["loc"]
+        if not (isinstance(step, str) and (step.endswith("Form") or "[" in step or "(" in step))
+    )
+    tags = {"zpk", "czpk", "ss"}
+    path = ""
+    for step in location:
+        if step in tags:
+            continue
+        path += f"[{step}]" if isinstance(step, int) else (f".{step}" if path else str(step))
+    if finding["type"] == "extra_forbidden":
+        known = [name for name in _fields_at(form, location[:-1]) if name != location[-1]]
+        return InputError(f"{file}: unknown key '{path}'; {suggest(str(location[-1]), known)}")
+    if finding["type"] == "missing":
+        return InputError(f"{file}: key '{path}' is missing; add it")
+    given = finding.get("input")
+    shown = f" = {given!r}" if isinstance(given, (int, float, str, bool)) else ""
+    message = str(finding["msg"]).replace("\n", " ")
+    return InputError(f"{file}: {path}{shown}: {message}")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The parsed file, or one line that says what is wrong with it."""
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; give a TOML file") from None
+    except PermissionError:
+        raise InputError(f"{path}: cannot be read (permission denied)") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
+
+
+def shipped_plants() -> Path:
+    """The folder of shipped plants: beside the package in a checkout, else where it was installed."""
+    beside = Path(__file__).resolve().parents[2] / "plants"
+    return beside if beside.is_dir() else Path(sys.prefix) / "share" / "ffl" / "plants"
+
+
+def find_plant(name_or_path: str | os.PathLike[str], folder: Path | None = None) -> Path:
+    """A bare name among the shipped plants, or a path from `folder`, then the working directory."""
+    text = os.fspath(name_or_path)
+    bare = "/" not in text and os.sep not in text and not text.endswith(".toml")
+    tried: list[Path] = []
+    if bare:
+        tried.append(shipped_plants() / f"{text}.toml")
+    for base in ([folder] if folder is not None else []) + [Path()]:
+        tried.append(base / text)
+        if bare:
+            tried.append(base / f"{text}.toml")
+    for path in tried:
+        if path.is_file():
+            return path
+    if bare:
+        names = sorted(p.stem for p in shipped_plants().glob("*.toml"))
+        raise InputError(f"plant '{text}': not among the shipped plants; {suggest(text, names)}")
+    raise InputError(f"plant file '{text}': no such file (looked in {', '.join(map(str, tried))})")
+
+
+def plant_from_dict(data: Mapping[str, Any], file: str = "plant") -> Plant:
+    """A `Plant` from parsed TOML; every mistake names `file`, the key and the mend."""
+    try:
+        form = PlantForm.model_validate(data)
+    except ValidationError as error:
+        raise explain(error, PlantForm, file) from None
+    try:
+        system = form.plant.build(form.sample_time, "plant")
+        controller = None
+        if isinstance(form.controller, TwoDegreeForm):
+            controller = Controller(
+                form.controller.reference.build(form.sample_time, "controller.reference"),
+                form.controller.output.build(form.sample_time, "controller.output"),
+            )
+        elif form.controller is not None:
+            controller = Controller.of_error(form.controller.build(form.sample_time, "controller"))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    return Plant(
+        name=form.name,
+        system=system,
+        controller=controller,
+        input_unit=form.units.input,
+        output_unit=form.units.output,
+        source=form.source,
+        physics=Physics(form.physics.mass, form.physics.motor_constant),
+        machine=Imperfections(**form.machine.model_dump()),
+        effects=tuple(
+            EffectSpec(effect.name, effect.parameters, dict(effect.model_extra or {}))
+            for effect in form.effects
+        ),
+    )
+
+
+def load_plant(name_or_path: str | os.PathLike[str], folder: Path | None = None) -> Plant:
+    """Reads a plant file; `folder` is where a relative path is looked up first."""
+    path = find_plant(name_or_path, folder)
+    return plant_from_dict(read_toml(path), str(path))
+
+
+def _system_table(system: Zpk | StateSpace) -> dict[str, Any]:
+    if isinstance(system, Zpk):
+
+        def listed(values: np.ndarray) -> list[Any]:
+            return [v.real if v.imag == 0 else [v.real, v.imag] for v in values]
+
+        table: dict[str, Any] = {
+            "form": "zpk",
+            "zeros": listed(system.zeros),
+            "poles": listed(system.poles),
+            "gain": system.gain,
+        }
+        if system.delay:
+            table["delay"] = system.delay
+        return table
+    return {
+        "form": "ss",
+        "A": system.a.tolist(),
+        "B": system.b[:, 0].tolist(),
+        "C": system.c[0].tolist(),
+        "D": float(system.d[0, 0]),
+    }
+
+
+def plant_to_dict(plant: Plant) -> dict[str, Any]:
+    """The plant as the file states it; floats round-trip to the last bit."""
+    table: dict[str, Any] = {"name": plant.name, "sample_time": plant.sample_time}
+    if plant.source:
+        table["source"] = plant.source
+    table["units"] = {"input": plant.input_unit, "output": plant.output_unit}
+    table["plant"] = _system_table(plant.system)
+    if plant.controller is not None:
+        if plant.controller.one_degree:
+            table["controller"] = _system_table(plant.controller.reference)
+        else:
+            table["controller"] = {
+                "reference": _system_table(plant.controller.reference),
+                "output": _system_table(plant.controller.output),
+            }
+    physics = {k: v for k, v in vars(plant.physics).items() if v is not None}
+    machine = {k: v for k, v in vars(plant.machine).items() if v}
+    if physics:
+        table["physics"] = physics
+    if machine:
+        table["machine"] = machine
+    if plant.effects:
+        table["effects"] = [
+            {"name": e.name, **dict(e.options), "parameters": dict(e.parameters)}
+            for e in plant.effects
+        ]
+    return table
+
+
+def save_plant(plant: Plant, path: str | os.PathLike[str]) -> None:
+    """Writes the plant file aside, then renames it; reading it back gives the same numbers."""
+    write_text(Path(path), to_toml(plant_to_dict(plant)))
