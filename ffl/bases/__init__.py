@@ -1,1 +1,77 @@
-"""See docs/design.md."""
+"""Feedforward parametrizations: one file each, one line in `BASES`."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ffl.bases.base import Basis, SumBasis
+from ffl.bases.derivatives import Derivatives, derivative
+from ffl.bases.fir import FIR
+from ffl.bases.free import FreeSignal
+from ffl.bases.obf import OBF
+from ffl.errors import InputError
+from ffl.systems.plant_file import suggest
+
+BASES: dict[str, type[Basis]] = {
+    "derivatives": Derivatives,
+    "fir": FIR,
+    "free": FreeSignal,
+    "obf": OBF,
+}
+
+
+def make_basis(specs: Sequence[Mapping[str, Any]], sample_time: float) -> Basis:
+    """The basis that the tables of a campaign file describe; a sum where there are several.
+
+    Each table has `kind` and the arguments of that basis; complex poles are [re, im]. Raises
+    `InputError` naming the key within the list, as `[0].poles`.
+    """
+    if not specs:
+        raise InputError("basis is empty; give at least one table with a 'kind'")
+    parts = [_make_one(spec, f"[{index}]", sample_time) for index, spec in enumerate(specs)]
+    if len(parts) > 1 and any(isinstance(part, FreeSignal) for part in parts):
+        raise InputError("basis kind 'free' holds every other basis; use it alone")
+    return parts[0] if len(parts) == 1 else SumBasis(parts)
+
+
+def _make_one(spec: Mapping[str, Any], where: str, sample_time: float) -> Basis:
+    kind = spec.get("kind")
+    if kind not in BASES:
+        raise InputError(
+            f"{where}.kind = {kind!r}: unknown basis; {suggest(str(kind), list(BASES))}"
+        )
+    allowed = [p for p in inspect.signature(BASES[kind]).parameters if p != "sample_time"]
+    arguments: dict[str, Any] = {}
+    for key, value in spec.items():
+        if key == "kind":
+            continue
+        if key not in allowed:
+            raise InputError(
+                f"{where}.{key}: unknown key of basis '{kind}'; {suggest(key, allowed)}"
+            )
+        arguments[key] = _roots(value) if key in ("poles", "outside") else value
+    try:
+        return BASES[kind](**arguments, sample_time=sample_time)
+    except InputError as error:
+        raise InputError(f"{where} {error}") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: basis '{kind}': {' '.join(str(error).split())}") from None
+
+
+def _roots(values: Sequence[Any]) -> list[complex]:
+    return [complex(*v) if isinstance(v, (list, tuple)) else complex(v) for v in values]
+
+
+__all__ = [
+    "BASES",
+    "FIR",
+    "OBF",
+    "Basis",
+    "Derivatives",
+    "FreeSignal",
+    "SumBasis",
+    "derivative",
+    "make_basis",
+]

@@ -85,18 +85,31 @@ def split(system: Zpk) -> Split:
     return Split(causal, anticausal, advance)
 
 
-def two_sided_filter(system: Zpk | Split, x: ArrayLike, before: int = 0, after: int = 0) -> Array:
-    """Bounded response to `x` (N samples, zero outside), on the samples -before .. N-1+after.
+def two_sided_filter(
+    system: Zpk | Split, x: ArrayLike, before: int = 0, after: int = 0, hold: bool = False
+) -> Array:
+    """Bounded response to `x` of N samples, on the samples -before .. N-1+after.
 
-    The stable part is filtered forwards, the anti-stable part backwards; both are exact on the
-    window, whatever its length: nothing is lost but what lies outside it. Cost O((N + before +
-    after) n^2).
+    Outside its samples `x` is zero or, with `hold`, stays at its first and last value (a reference
+    at rest before and after a move). The stable part is filtered forwards, the anti-stable part
+    backwards; both are exact on the window, whatever its length: nothing is lost but what lies
+    outside it. Cost O((N + before + after) n^2).
     """
     parts = system if isinstance(system, Split) else split(system)
     x = np.asarray(x, float)
-    padded = np.concatenate([np.zeros(before), x, np.zeros(after + parts.advance)])
-    y = parts.causal.filter(padded) + parts.anticausal.filter(padded[::-1])[::-1]
+    first, last = (x[0], x[-1]) if hold and len(x) else (0.0, 0.0)
+    padded = np.concatenate([np.full(before, first), x, np.full(after + parts.advance, last)])
+    forwards = parts.causal.filter(padded, steady_state(parts.causal, first))
+    backwards = parts.anticausal.filter(padded[::-1], steady_state(parts.anticausal, last))
+    y = forwards + backwards[::-1]
     return y[parts.advance : parts.advance + before + len(x) + after]
+
+
+def steady_state(system: StateSpace, value: float) -> Array:
+    """State at rest under the constant input `value`; the system has no pole at 1."""
+    if value == 0.0 or system.order == 0:
+        return np.zeros(system.order)
+    return np.linalg.solve(np.eye(system.order) - system.a, system.b[:, 0] * value)
 
 
 def two_sided_impulse(system: Zpk | Split, before: int, after: int) -> Array:
