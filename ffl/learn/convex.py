@@ -1,0 +1,138 @@
+"""Quadratic programs in orthonormal coordinates: the one file that names cvxpy and OSQP.
+
+OSQP calls points solved whose dual residual is 5.6e7 times the tolerance (osqp #790), so its answer
+only proposes the active set: the equations of that set are solved by QR, and where the KKT
+conditions still fail, the least-distance problem is solved by non-negative least squares.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+
+from ffl.systems.state_space import Array
+
+TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True)
+class Projection:
+    """x that minimises |x - c|^2 / 2 under G x <= h, with multipliers >= 0.
+
+    `status` is "optimal" or "infeasible"; `residual` the largest violated KKT condition, relative.
+    """
+
+    x: Array
+    multipliers: Array
+    status: str
+    residual: float
+
+
+def kkt_residual(c: Array, g: Array, h: Array, x: Array, multipliers: Array) -> float:
+    """Largest of stationarity, primal and dual feasibility, complementarity; rows of unit norm.
+
+    Relative to the length of c and the size of h, in the problem's orthonormal coordinates.
+    """
+    length = max(float(np.linalg.norm(c)), float(np.abs(h).max(initial=0.0)), 1e-300)
+    slack = g @ x - h
+    parts = (
+        np.linalg.norm(x - c + g.T @ multipliers) / length,
+        slack.max(initial=0.0) / length,
+        -multipliers.min(initial=0.0) / length,
+        np.abs(multipliers * slack).max(initial=0.0) / length**2,
+    )
+    return float(max(parts))
+
+
+def _osqp(c: Array, g: Array, h: Array) -> Array | None:
+    """Multipliers that OSQP finds through cvxpy, or None where it gives up."""
+    import cvxpy
+
+    x = cvxpy.Variable(len(c))
+    rows = g @ x <= h
+    problem = cvxpy.Problem(cvxpy.Minimize(0.5 * cvxpy.sum_squares(x - c)), [rows])
+    settings = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polishing": True}
+    with warnings.catch_warnings():  # an inaccurate solution is checked below, not trusted
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=cvxpy.OSQP, **settings)
+        except cvxpy.SolverError:
+            return None
+    if rows.dual_value is None or not np.all(np.isfinite(rows.dual_value)):
+        return None
+    return np.maximum(np.asarray(rows.dual_value, float), 0.0)
+
+
+def _on_active_set(c: Array, g: Array, h: Array, active: Array) -> tuple[Array, Array]:
+    """Minimiser with the `active` rows as equations, by QR of their transpose, and multipliers."""
+    rows = g[active]
+    q, r = np.linalg.qr(rows.T)
+    multipliers = np.zeros(len(h))
+    step, *_ = np.linalg.lstsq(r.T, rows @ c - h[active], rcond=None)
+    solved, *_ = np.linalg.lstsq(r, step, rcond=None)
+    multipliers[active] = solved
+    return c - q @ step, multipliers
+
+
+def _least_distance(c: Array, g: Array, h: Array) -> tuple[Array, Array] | None:
+    """Lawson and Hanson's LDP: exact and finite; None where the rows contradict each other."""
+    d = h - g @ c
+    matrix = np.vstack([-g.T, -d[None, :]])
+    target = np.zeros(len(c) + 1)
+    target[-1] = 1.0
+    u, _ = scipy.optimize.nnls(matrix, target, maxiter=50 * max(matrix.shape))
+    r = matrix @ u - target
+    if np.linalg.norm(r) < 1e-9:
+        return None
+    y = -r[:-1] / r[-1]
+    return c + y, u / -r[-1]
+
+
+def project(c: Array, g: Array, h: Array) -> Projection:
+    """Nearest point to `c` (k,) under `g` x <= `h` with g (m, k); rows are scaled inside."""
+    if len(h) == 0:
+        return Projection(c.copy(), np.zeros(0), "optimal", 0.0)
+    norms = np.linalg.norm(g, axis=1)
+    norms[norms == 0] = 1.0
+    length = max(float(np.linalg.norm(c)), float(np.abs(h / norms).max()), 1e-300)
+    rows, bounds, target = g / norms[:, None], h / norms / length, c / length
+    x, multipliers, residual = target, np.zeros(len(h)), np.inf
+    proposed = _osqp(target, rows, bounds)
+    if proposed is not None:
+        active = proposed > 1e-7 * max(1.0, float(proposed.max(initial=0.0)))
+        if active.any():
+            x, multipliers = _on_active_set(target, rows, bounds, active)
+        residual = kkt_residual(target, rows, bounds, x, multipliers)
+    if residual > TOLERANCE:
+        exact = _least_distance(target, rows, bounds)
+        if exact is None:
+            return Projection(c.copy(), np.zeros(len(h)), "infeasible", np.inf)
+        if kkt_residual(target, rows, bounds, *exact) < residual:
+            x, multipliers = exact
+        if np.any(multipliers > 0):  # one more solve on the exact active set: full accuracy
+            sharp = _on_active_set(target, rows, bounds, multipliers > 0)
+            if kkt_residual(target, rows, bounds, *sharp) < kkt_residual(
+                target, rows, bounds, x, multipliers
+            ):
+                x, multipliers = sharp
+        residual = kkt_residual(target, rows, bounds, x, multipliers)
+    return Projection(x * length, multipliers * length / norms, "optimal", residual)
+
+
+def least_violation(c: Array, g: Array, h: Array) -> tuple[float, Array]:
+    """Smallest s for which G x <= h + s has a point, and the multipliers that name who conflicts."""
+    import cvxpy
+
+    x, s = cvxpy.Variable(len(c)), cvxpy.Variable()
+    rows = g @ x <= h + s
+    problem = cvxpy.Problem(cvxpy.Minimize(s + 1e-9 * cvxpy.sum_squares(x - c)), [rows])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=cvxpy.CLARABEL)
+        except cvxpy.SolverError:
+            return float("nan"), np.zeros(len(h))
+    return float(s.value), np.asarray(rows.dual_value, float)

@@ -1,0 +1,55 @@
+"""The update's least-squares problem in orthonormal coordinates.
+
+18 repeated-pole functions filtered through the process sensitivity have a condition number of 2.5e9
+after column scaling: normal equations lose every digit there, a pivoted QR keeps them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from ffl.systems.state_space import Array
+
+RANK_TOLERANCE = 1e-13
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """min |M theta - b| with M = Q R: x = Q^T b, theta = `back` x.
+
+    `q` (rows, k), `back` (n, k) with k the numerical rank; columns of M are scaled to unit norm
+    (`scale`) before the pivoted QR. Directions below `RANK_TOLERANCE` of the largest are left at
+    zero on purpose; `rank` says how many remain.
+    """
+
+    matrix: Array
+    q: Array
+    back: Array
+    scale: Array
+
+    @property
+    def rank(self) -> int:
+        return self.back.shape[1]
+
+    def coordinates(self, b: ArrayLike) -> Array:
+        return self.q.T @ np.asarray(b, float)
+
+    def theta(self, x: ArrayLike) -> Array:
+        return self.back @ np.asarray(x, float)
+
+
+def orthonormal(matrix: Array) -> Coordinates:
+    """Coordinates of a tall matrix M (rows, n); cost O(rows n^2)."""
+    scale = np.linalg.norm(matrix, axis=0)
+    scale[scale == 0] = 1.0
+    q, r, pivots = scipy.linalg.qr(matrix / scale, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(r))
+    rank = int(np.sum(diagonal > RANK_TOLERANCE * diagonal.max(initial=0.0)))
+    back = np.zeros((matrix.shape[1], rank))
+    inverse = scipy.linalg.solve_triangular(r[:rank, :rank], np.eye(rank))
+    back[pivots[:rank]] = inverse
+    return Coordinates(matrix, q[:, :rank], back / scale[:, None], scale)

@@ -1,0 +1,218 @@
+"""Norm-optimal update of the feedforward signal itself by a Riccati recursion, O(N) in time.
+
+A dense lifted update takes 42 s and 488 MiB a matrix at N = 8000; the recursion goes on to 1e6.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import scipy.linalg
+from numba import njit
+from numpy.typing import ArrayLike
+
+from ffl.errors import InputError
+from ffl.learn.norm_optimal import Update, UpdateReport
+from ffl.learn.weights import Weights, apply_weight, as_filter, is_zero
+from ffl.systems import Plant, series
+from ffl.systems.state_space import Array, StateSpace
+
+
+@njit(cache=True)
+def _backwards(a, b, c, d, weight, target, gains, feed):  # type: ignore[no-untyped-def]
+    """Cost to go V(x) = x'Px - 2p'x; fills feed (N) and gains; returns the first stationary t.
+
+    With constant weights P converges going backwards; from there on the gain is constant and only
+    the vector p is carried. Row 0 of `gains` then holds the constant gain, row t - first + 1 the
+    gain of sample t >= first.
+    """
+    n_samples, n_outputs = target.shape
+    n = a.shape[0]
+    constant = weight.shape[0] == 1
+    p_matrix = np.zeros((n, n))
+    p_vector = np.zeros(n)
+    s = np.zeros(n)
+    gain = np.zeros(n)
+    following = np.zeros(n)
+    work = np.zeros((n, n))
+    stationary = False
+    first = 0
+    r = 1.0
+    for k in range(n_samples):
+        t = n_samples - 1 - k
+        w = weight[0] if constant else weight[t]
+        if not stationary:
+            for i in range(n):
+                for j in range(n):
+                    value = 0.0
+                    for m in range(n):
+                        value += p_matrix[i, m] * a[m, j]
+                    work[i, j] = value
+            r = 0.0
+            for i in range(n_outputs):
+                r += w[i] * d[i] * d[i]
+            for i in range(n):
+                for j in range(n):
+                    r += b[i] * p_matrix[i, j] * b[j]
+            for j in range(n):
+                value = 0.0
+                for i in range(n_outputs):
+                    value += w[i] * d[i] * c[i, j]
+                for i in range(n):
+                    value += b[i] * work[i, j]
+                s[j] = value
+        g = 0.0
+        for i in range(n_outputs):
+            g += w[i] * d[i] * target[t, i]
+        for i in range(n):
+            g += b[i] * p_vector[i]
+        g /= r
+        feed[t] = g
+        for j in range(n):
+            value = 0.0
+            for i in range(n_outputs):
+                value += w[i] * c[i, j] * target[t, i]
+            for i in range(n):
+                value += a[i, j] * p_vector[i]
+            following[j] = value - s[j] * g
+        for j in range(n):
+            p_vector[j] = following[j]
+        if not stationary:
+            change = 0.0
+            size = 0.0
+            for i in range(n):
+                for j in range(i + 1):
+                    value = -s[i] * s[j] / r
+                    for m in range(n_outputs):
+                        value += w[m] * c[m, i] * c[m, j]
+                    for m in range(n):
+                        value += a[m, i] * work[m, j]
+                    change = max(change, abs(value - p_matrix[i, j]))
+                    size = max(size, abs(value))
+                    p_matrix[i, j] = value
+            for i in range(n):
+                for j in range(i):
+                    p_matrix[j, i] = p_matrix[i, j]
+            for j in range(n):
+                gain[j] = s[j] / r
+            row = k + 1 if constant else t
+            if row < gains.shape[0]:
+                for j in range(n):
+                    gains[row, j] = gain[j]
+            if constant and (change <= 1e-15 * size or k + 2 >= gains.shape[0]):
+                stationary = True
+                first = t
+                for j in range(n):
+                    gains[0, j] = gain[j]
+    return first
+
+
+@njit(cache=True)
+def _forwards(a, b, gains, feed, constant, first, change):  # type: ignore[no-untyped-def]
+    """change(t) = feed(t) - K(t) x(t), x(t+1) = A x(t) + B change(t)."""
+    n = a.shape[0]
+    n_samples = feed.shape[0]
+    x = np.zeros(n)
+    following = np.zeros(n)
+    for t in range(n_samples):
+        row = t
+        if constant:
+            row = 0 if t < first else n_samples - t
+        value = feed[t]
+        for j in range(n):
+            value -= gains[row, j] * x[j]
+        change[t] = value
+        for i in range(n):
+            total = b[i] * value
+            for j in range(n):
+                total += a[i, j] * x[j]
+            following[i] = total
+        for i in range(n):
+            x[i] = following[i]
+
+
+class FreeSignalUpdate:
+    """f_{j+1} = argmin of criterion (3) over the whole signal f, from initial rest.
+
+    The three terms are three linear systems driven by the change f - f_j; their targets are
+    G_e e_j, -G_f f_j and 0, and the minimiser is linear-quadratic tracking: P and p backwards, the
+    change forwards. Weights as in `Weights`; W_f + W_df must be positive, because f's last samples,
+    fewer than the plant's relative degree from the end, do not reach the output.
+    """
+
+    def __init__(self, model: Plant, reference: ArrayLike, weights: Weights) -> None:
+        self.n = len(np.asarray(reference))
+        weights.check_length(self.n)
+        if is_zero(weights.feedforward) and is_zero(weights.feedforward_change):
+            raise InputError(
+                "weights: the free signal needs feedforward or feedforward_change above zero"
+            )
+        self.weights = weights
+        self.process_sensitivity = model.require_stable().process_sensitivity
+        parts: list[StateSpace] = []
+        factors: list[Array] = []
+        t = model.sample_time
+        for weight, system in (
+            (weights.error, self.process_sensitivity),
+            (weights.feedforward, None),
+            (weights.feedforward_change, None),
+        ):
+            shaping, squared = as_filter(weight, t)
+            parts.append(shaping if system is None else series(system, shaping))
+            factors.append(np.ones(1) if squared is None else squared)
+        self.a = scipy.linalg.block_diag(*[part.a for part in parts])
+        self.b = np.concatenate([part.b[:, 0] for part in parts])
+        self.c = scipy.linalg.block_diag(*[part.c for part in parts])
+        self.d = np.array([part.d[0, 0] for part in parts])
+        longest = max(len(factor) for factor in factors)
+        self.factors = np.column_stack([np.broadcast_to(f, longest) for f in factors]).copy()
+
+    def update(self, feedforward: Array, error: Array) -> Update:
+        """The next signal from trial j: its `feedforward` f_j and `error` e_j, shape (N,) each."""
+        start = time.perf_counter()
+        shaped = [
+            _shape(self.weights.error, error),
+            -_shape(self.weights.feedforward, feedforward),
+            np.zeros(self.n),
+        ]
+        constant = len(self.factors) == 1
+        # With constant weights the gain settles long before 20,000 samples; the recursion says when.
+        rows = min(self.n, 20000) + 1 if constant else self.n
+        gains = np.zeros((rows, len(self.b)))
+        feed, change = np.zeros(self.n), np.zeros(self.n)
+        first = _backwards(
+            self.a, self.b, self.c, self.d, self.factors, np.column_stack(shaped), gains, feed
+        )
+        _forwards(self.a, self.b, gains, feed, constant, first, change)
+        following = feedforward + change
+        residual = self.kkt(feedforward, error, change)
+        status = "optimal" if residual <= 1e-8 else "optimal_inaccurate"
+        report = UpdateReport(time.perf_counter() - start, status, residual, self.n)
+        return Update(following, following, report)
+
+    def kkt(self, feedforward: Array, error: Array, change: Array) -> float:
+        """Gradient of criterion (3) at f_j + change by filtering forwards and backwards, relative
+        to the gradient of its error term at f_j."""
+        w, sp = self.weights, self.process_sensitivity
+        inner = _square(w.error, error - sp.filter(change))
+        gradient = -sp.filter(inner[::-1])[::-1]
+        scale = np.linalg.norm(sp.filter(_square(w.error, error)[::-1]))
+        gradient += _square(w.feedforward, feedforward + change)
+        gradient += _square(w.feedforward_change, change)
+        return float(np.linalg.norm(gradient) / max(float(scale), 1e-300))
+
+
+def _shape(weight, signal):  # type: ignore[no-untyped-def]
+    """W^(1/2) signal where the weight is a scalar or a filter; per-sample weights act later."""
+    return signal if isinstance(weight, np.ndarray) else apply_weight(weight, signal)
+
+
+def _square(weight, signal):  # type: ignore[no-untyped-def]
+    """W signal: the square root applied forwards, then its adjoint."""
+    once = apply_weight(weight, signal)
+    return (
+        apply_weight(weight, once[::-1])[::-1]
+        if not isinstance(weight, np.ndarray)
+        else weight * signal
+    )

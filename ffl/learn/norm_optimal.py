@@ -1,0 +1,279 @@
+"""The norm-optimal update of criterion (3), unconstrained in closed form or under bounds."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffl.bases import Basis
+from ffl.errors import InputError
+from ffl.learn.constraints import Constraints
+from ffl.learn.coordinates import Coordinates, orthonormal
+from ffl.learn.weights import Weights, apply_weight, is_zero
+from ffl.systems import Plant, StateSpace
+from ffl.systems.state_space import Array
+
+ROUNDS = 60
+ROWS_PER_ROUND = 40
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """How an update went.
+
+    `status` is "optimal", "optimal_inaccurate" (`kkt_residual` above 1e-8) or "infeasible" (then
+    theta is the last one and `message` says which bounds conflict, and when). `kkt_residual` is
+    relative, in the problem's own units (see `NormOptimal.kkt`). `rank` is the number of parameter
+    directions that the data can see, `active` the number of bounds that hold with equality.
+    """
+
+    seconds: float
+    status: str
+    kkt_residual: float
+    rank: int
+    active: int = 0
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Update:
+    """Parameters and feedforward of the next trial."""
+
+    theta: Array
+    feedforward: Array
+    report: UpdateReport
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One kind of bound: low <= matrix @ theta + offset <= high, row t at time t."""
+
+    name: str
+    matrix: Array
+    offset: Array
+    low: Array
+    high: Array
+
+
+class NormOptimal:
+    """theta_{j+1} = argmin |e_j - J (theta - theta_j)|^2_We + |Phi theta|^2_Wf + |Phi (theta -
+    theta_j)|^2_Wdf, with Phi = psi(r) and J = SP Phi of the model (2018 printer paper, (2), (3)).
+
+    The matrices and their QR are made once; an update costs O(N n). `path` is "closed_form", "osqp"
+    (the quadratic program of `ffl.learn.convex`) or "auto": closed form where there is no bound.
+    """
+
+    def __init__(
+        self,
+        model: Plant,
+        basis: Basis,
+        reference: ArrayLike,
+        weights: Weights,
+        constraints: Constraints | None = None,
+        path: str = "auto",
+    ) -> None:
+        self.constraints = constraints or Constraints()
+        self.weights, self.reference = weights, np.asarray(reference, float)
+        self.loop = model.require_stable()
+        self.sample_time = model.sample_time
+        n = len(self.reference)
+        weights.check_length(n)
+        if path == "closed_form" and self.constraints.any:
+            raise InputError("update = 'closed_form' has no bounds; use 'auto' or 'osqp'")
+        self.path = path
+        self.regressors = basis.regressors(self.reference)
+        self.limits = {
+            name: self.constraints.limits(name, basis.n_parameters if name == "parameters" else n)
+            for name in Constraints.NAMES
+            if getattr(self.constraints, name) is not None
+        }
+        self.response = _filter_columns(self.loop.process_sensitivity, self.regressors)
+        blocks = [apply_weight(weights.error, self.response)]
+        for weight in (weights.feedforward, weights.feedforward_change):
+            if not is_zero(weight):
+                blocks.append(apply_weight(weight, self.regressors))
+        self.coordinates: Coordinates = orthonormal(np.vstack(blocks))
+
+    def update(self, theta: Array, error: Array, command: Array | None = None) -> Update:
+        """The next parameters from trial j: its `theta` (n,), `error` e_j (N,) and `command` u_j."""
+        start = time.perf_counter()
+        feedforward = self.regressors @ theta
+        target = error + self.loop.process_sensitivity.filter(feedforward)
+        parts = [apply_weight(self.weights.error, target)]
+        if not is_zero(self.weights.feedforward):
+            parts.append(np.zeros(len(error)))
+        if not is_zero(self.weights.feedforward_change):
+            parts.append(apply_weight(self.weights.feedforward_change, feedforward))
+        b = np.concatenate(parts)
+        c = self.coordinates.coordinates(b)
+        if self.path == "osqp" or self.limits:
+            return self._bounded(theta, feedforward, command, b, c, start)
+        following = self.coordinates.theta(c)
+        residual = self.kkt(following, b)
+        report = UpdateReport(
+            time.perf_counter() - start, _status(residual), residual, self.coordinates.rank
+        )
+        return Update(following, self.regressors @ following, report)
+
+    def kkt(
+        self, theta: Array, b: Array, rows: Array | None = None, dual: Array | None = None
+    ) -> float:
+        """Stationarity in the problem's units: max_i |m_i^T (M theta - b) + (G^T dual)_i| over
+        |m_i| |b|, the size each component's terms have before they cancel."""
+        m = self.coordinates.matrix
+        gradient = m.T @ (m @ theta - b)
+        if rows is not None and dual is not None:
+            gradient = gradient + rows.T @ dual
+        size = self.coordinates.scale * max(float(np.linalg.norm(b)), 1e-300)
+        return float(np.max(np.abs(gradient) / size))
+
+    def _bounds(self, feedforward: Array, command: Array | None) -> list[Rows]:
+        rows: list[Rows] = []
+        n, t = len(self.reference), self.sample_time
+        for name, (low, high) in self.limits.items():
+            if name == "feedforward":
+                rows.append(Rows(name, self.regressors, np.zeros(n), low, high))
+            elif name == "feedforward_rate":
+                rate = np.vstack(
+                    [np.zeros(self.regressors.shape[1]), np.diff(self.regressors, axis=0)]
+                )
+                rows.append(Rows(name, rate / t, np.zeros(n), low, high))
+            elif name == "command":
+                if command is None:
+                    raise InputError(
+                        "constraints.command needs the trial's command u; it is missing"
+                    )
+                to_command = self.loop.system.select([1], [1])
+                matrix = _filter_columns(to_command, self.regressors)
+                rows.append(Rows(name, matrix, command - to_command.filter(feedforward), low, high))
+            else:
+                eye = np.eye(self.regressors.shape[1])
+                rows.append(Rows(name, eye, np.zeros(len(eye)), low, high))
+        return rows
+
+    def _bounded(
+        self,
+        theta: Array,
+        feedforward: Array,
+        command: Array | None,
+        b: Array,
+        c: Array,
+        start: float,
+    ) -> Update:
+        """Row generation: solve, add the peaks of the violation, until every bound holds."""
+        from ffl.learn.convex import least_violation, project
+
+        blocks = self._bounds(feedforward, command)
+        orthonormal_rows = [block.matrix @ self.coordinates.back for block in blocks]
+        chosen: list[tuple[int, int, int]] = []  # block, time, side (+1 upper, -1 lower)
+        g, h = np.zeros((0, len(c))), np.zeros(0)
+        result = project(c, g, h)
+        worst = 0.0
+        for _ in range(ROUNDS):
+            new, worst = _violated(blocks, orthonormal_rows, result.x, set(chosen))
+            if not new:
+                break
+            chosen += new
+            g = np.array([side * orthonormal_rows[k][t] for k, t, side in chosen])
+            h = np.array([_bound(blocks[k], t, side) for k, t, side in chosen])
+            result = project(c, g, h)
+            if result.status == "infeasible":
+                excess, dual = least_violation(c, g, h)
+                message = _explain(blocks, chosen, dual, excess, self.sample_time)
+                report = UpdateReport(
+                    time.perf_counter() - start,
+                    "infeasible",
+                    np.inf,
+                    self.coordinates.rank,
+                    0,
+                    message,
+                )
+                return Update(theta.copy(), feedforward, report)
+        following = self.coordinates.theta(result.x)
+        matrix = np.array([side * blocks[k].matrix[t] for k, t, side in chosen]).reshape(
+            -1, len(theta)
+        )
+        bound = np.array([_bound(blocks[k], t, side) for k, t, side in chosen])
+        residual = self.kkt(following, b, matrix, result.multipliers)
+        length = float(np.linalg.norm(b)) or 1.0
+        if chosen:
+            slack = matrix @ following - bound
+            size = np.maximum(np.abs(bound), np.abs(matrix) @ np.abs(following) * 1e-8)
+            residual = max(
+                residual,
+                float(np.max(slack / np.maximum(size, 1e-300), initial=0.0)),
+                float(np.max(-result.multipliers * np.linalg.norm(g, axis=1), initial=0.0))
+                / length,
+                float(np.max(np.abs(result.multipliers * slack), initial=0.0)) / length**2,
+                worst,
+            )
+        active = int(np.sum(result.multipliers > 0))
+        report = UpdateReport(
+            time.perf_counter() - start, _status(residual), residual, self.coordinates.rank, active
+        )
+        return Update(following, self.regressors @ following, report)
+
+
+def _status(residual: float) -> str:
+    return "optimal" if residual <= 1e-8 else "optimal_inaccurate"
+
+
+def _filter_columns(system: StateSpace, columns: Array) -> Array:
+    """Each column filtered; contiguous columns first, so that the loop runs along memory."""
+    return np.column_stack([system.filter(column) for column in np.ascontiguousarray(columns.T)])
+
+
+def _bound(block: Rows, t: int, side: int) -> float:
+    return float(block.high[t] - block.offset[t] if side > 0 else block.offset[t] - block.low[t])
+
+
+def _violated(
+    blocks: list[Rows], rows: list[Array], x: Array, known: set[tuple[int, int, int]]
+) -> tuple[list[tuple[int, int, int]], float]:
+    """Peaks of the violation that are not rows yet, the largest first, and the largest left over."""
+    found: list[tuple[float, tuple[int, int, int]]] = []
+    worst = 0.0
+    for k, block in enumerate(blocks):
+        value = rows[k] @ x + block.offset
+        for side, excess in ((1, value - block.high), (-1, block.low - value)):
+            size = np.maximum(
+                np.abs(block.high if side > 0 else block.low), 1e-12 * np.abs(value).max()
+            )
+            relative = excess / np.maximum(size, 1e-300)
+            worst = max(worst, float(relative.max(initial=0.0)))
+            over = relative > 1e-12
+            if not over.any():
+                continue
+            padded = np.concatenate([[-np.inf], relative, [-np.inf]])
+            peak = over & (relative >= padded[:-2]) & (relative >= padded[2:])
+            found += [(relative[t], (k, int(t), side)) for t in np.nonzero(peak)[0]]
+    fresh = [(size, row) for size, row in found if row not in known]
+    fresh.sort(key=lambda item: -item[0])
+    return [row for _, row in fresh[:ROWS_PER_ROUND]], worst
+
+
+def _explain(
+    blocks: list[Rows],
+    chosen: list[tuple[int, int, int]],
+    dual: Array,
+    excess: float,
+    sample_time: float,
+) -> str:
+    """Which bounds contradict each other, and at what time."""
+    order = np.argsort(-np.abs(dual))[:3]
+    names = []
+    for index in order:
+        if abs(dual[index]) < 1e-6:
+            continue
+        k, t, side = chosen[index]
+        block, which = blocks[k], "upper" if side > 0 else "lower"
+        value = block.high[t] if side > 0 else block.low[t]
+        where = f"parameter {t + 1}" if block.name == "parameters" else f"t = {t * sample_time:g} s"
+        names.append(f"{which} bound {value:g} on {block.name} at {where}")
+    return (
+        f"no parameters meet the bounds together: {' against '.join(names) or 'bounds contradict'}; "
+        f"every choice exceeds one of them by at least {excess:.3g}; widen one"
+    )
