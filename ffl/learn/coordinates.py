@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ffl.systems.state_space import Array
 
-RANK_TOLERANCE = 1e-13
+RANK_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
