@@ -51,7 +51,7 @@ def _make_one(spec: Mapping[str, Any], where: str, sample_time: float) -> Basis:
             raise InputError(
                 f"{where}.{key}: unknown key of basis '{kind}'; {suggest(key, allowed)}"
             )
-        arguments[key] = _roots(value) if key in ("poles", "outside") else value
+        arguments[key] = _roots(value, f"{where}.{key}") if key in ("poles", "outside") else value
     try:
         return BASES[kind](**arguments, sample_time=sample_time)
     except InputError as error:
@@ -60,8 +60,14 @@ def _make_one(spec: Mapping[str, Any], where: str, sample_time: float) -> Basis:
         raise InputError(f"{where}: basis '{kind}': {' '.join(str(error).split())}") from None
 
 
-def _roots(values: Sequence[Any]) -> list[complex]:
-    return [complex(*v) if isinstance(v, (list, tuple)) else complex(v) for v in values]
+def _roots(values: Any, where: str) -> list[complex]:
+    """Poles from a file: a real, or [re, im]."""
+    try:
+        return [complex(*map(float, v)) if isinstance(v, list) else complex(v) for v in values]
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{where} = {values!r}: give a list of reals or of [re, im] pairs"
+        ) from None
 
 
 __all__ = [

@@ -150,6 +150,6 @@ class OBF(Basis):
 
         phi_s(t) = A^(t-1) B for t >= 1; phi_u(-t) = A^t B for t >= 0 (2018 kernel paper, (9)).
         """
-        pulse = np.zeros(before + 1 + after)
-        pulse[before] = 1.0
-        return self.regressors(pulse)
+        pulse = np.zeros(before + after + 3)  # at rest, so zero, on both sides of the window
+        pulse[before + 1] = 1.0
+        return self.regressors(pulse)[1:-1]

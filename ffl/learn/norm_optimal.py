@@ -114,9 +114,23 @@ class NormOptimal:
         following = self.coordinates.theta(c)
         residual = self.kkt(following, b)
         report = UpdateReport(
-            time.perf_counter() - start, _status(residual), residual, self.coordinates.rank
+            time.perf_counter() - start,
+            self._status(residual, following, b),
+            residual,
+            self.coordinates.rank,
         )
         return Update(following, self.regressors @ following, report)
+
+    def _status(self, residual: float, theta: Array, b: Array) -> str:
+        """ "optimal" up to 1e-8, or up to what parameters that cancel can carry in a double.
+
+        FIR taps on a smooth reference reach 1e9 and cancel to 1: their rounding alone leaves a
+        residual of eps sum |m_k theta_k| / |b|, 4e-8 in the test suite.
+        """
+        cancelling = float(self.coordinates.scale @ np.abs(theta)) / max(
+            float(np.linalg.norm(b)), 1e-300
+        )
+        return "optimal" if residual <= max(1e-8, 4e-16 * cancelling) else "optimal_inaccurate"
 
     def kkt(
         self, theta: Array, b: Array, rows: Array | None = None, dual: Array | None = None
@@ -212,13 +226,13 @@ class NormOptimal:
             )
         active = int(np.sum(result.multipliers > 0))
         report = UpdateReport(
-            time.perf_counter() - start, _status(residual), residual, self.coordinates.rank, active
+            time.perf_counter() - start,
+            self._status(residual, following, b),
+            residual,
+            self.coordinates.rank,
+            active,
         )
         return Update(following, self.regressors @ following, report)
-
-
-def _status(residual: float) -> str:
-    return "optimal" if residual <= 1e-8 else "optimal_inaccurate"
 
 
 def _filter_columns(system: StateSpace, columns: Array) -> Array:
@@ -239,9 +253,9 @@ def _violated(
     for k, block in enumerate(blocks):
         value = rows[k] @ x + block.offset
         for side, excess in ((1, value - block.high), (-1, block.low - value)):
-            size = np.maximum(
-                np.abs(block.high if side > 0 else block.low), 1e-12 * np.abs(value).max()
-            )
+            bound = np.abs(block.high if side > 0 else block.low)
+            size = np.where(np.isfinite(bound), bound, 1.0)  # an infinite bound is never violated
+            size = np.maximum(size, 1e-12 * np.abs(value).max())
             relative = excess / np.maximum(size, 1e-300)
             worst = max(worst, float(relative.max(initial=0.0)))
             over = relative > 1e-12
