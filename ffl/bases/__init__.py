@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ffl.bases.base import Basis, SumBasis
@@ -14,7 +14,7 @@ from ffl.bases.obf import OBF
 from ffl.errors import InputError
 from ffl.systems.plant_file import suggest
 
-BASES: dict[str, type[Basis]] = {
+BASES: dict[str, Callable[..., Basis]] = {
     "derivatives": Derivatives,
     "fir": FIR,
     "free": FreeSignal,

@@ -17,6 +17,8 @@ class Basis(ABC):
     The reference is at rest before its first and after its last sample: it stays at those values.
     """
 
+    sample_time: float
+
     @property
     @abstractmethod
     def names(self) -> list[str]:
@@ -45,6 +47,7 @@ class SumBasis(Basis):
 
     def __init__(self, parts: Sequence[Basis]) -> None:
         self.parts = tuple(parts)
+        self.sample_time = self.parts[0].sample_time
 
     @property
     def names(self) -> list[str]:

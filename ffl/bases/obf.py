@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,7 +131,7 @@ class OBF(Basis):
         """Psi(z), shape (F, n_parameters)."""
         points = np.atleast_1d(np.asarray(z, complex))[:, None, None]
 
-        def solve(system: StateSpace, matrix: ComplexArray) -> ComplexArray:
+        def solve(system: StateSpace, matrix: Any) -> ComplexArray:
             b = np.broadcast_to(system.b, (matrix.shape[0], *system.b.shape))
             return np.linalg.solve(matrix, b)[:, :, 0]
 

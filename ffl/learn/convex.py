@@ -135,4 +135,4 @@ def least_violation(c: Array, g: Array, h: Array) -> tuple[float, Array]:
             problem.solve(solver=cvxpy.CLARABEL)
         except cvxpy.SolverError:
             return float("nan"), np.zeros(len(h))
-    return float(s.value), np.asarray(rows.dual_value, float)
+    return float(np.asarray(s.value)), np.asarray(rows.dual_value, float)

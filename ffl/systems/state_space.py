@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -11,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffl.errors import InputError
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+Array = NDArray[Any]  # real; numpy's own stubs widen float64 too often to say so
+ComplexArray = NDArray[Any]
 
 
 @njit(cache=True)
@@ -39,11 +40,12 @@ def _run(a, b, c, d, u, x, y):  # type: ignore[no-untyped-def]
             x[i] = following[i]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class StateSpace:
     """x(t+1) = A x(t) + B u(t), y(t) = C x(t) + D u(t), with `sample_time` in seconds.
 
-    `a` (n, n), `b` (n, m), `c` (p, n), `d` (p, m). One-dimensional signals are used where m = p = 1.
+    `a` (n, n), `b` (n, m), `c` (p, n), `d` (p, m); scalars and flat lists are taken where the shape
+    is clear. One-dimensional signals are used where m = p = 1.
     """
 
     a: Array
@@ -52,13 +54,20 @@ class StateSpace:
     d: Array
     sample_time: float
 
-    def __post_init__(self) -> None:
-        d = np.atleast_2d(np.asarray(self.d, float))
-        a = np.asarray(self.a, float)
-        n = a.shape[0] if a.ndim == 2 else int(np.sqrt(a.size))
-        shapes = {"a": (n, n), "b": (n, d.shape[1]), "c": (d.shape[0], n), "d": d.shape}
-        for name, shape in shapes.items():
-            value = np.asarray(getattr(self, name), float)
+    def __init__(
+        self, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, sample_time: float
+    ) -> None:
+        feedthrough = np.atleast_2d(np.asarray(d, float))
+        square = np.asarray(a, float)
+        n = square.shape[0] if square.ndim == 2 else int(np.sqrt(square.size))
+        p, m = feedthrough.shape
+        for name, given, shape in (
+            ("a", a, (n, n)),
+            ("b", b, (n, m)),
+            ("c", c, (p, n)),
+            ("d", d, (p, m)),
+        ):
+            value = np.asarray(given, float)
             if value.size != shape[0] * shape[1]:
                 raise InputError(
                     f"state space: {name} has shape {value.shape}, expected {shape}; "
@@ -67,8 +76,9 @@ class StateSpace:
             if not np.all(np.isfinite(value)):
                 raise InputError(f"state space: {name} holds NaN or infinity; give finite numbers")
             object.__setattr__(self, name, np.ascontiguousarray(value.reshape(shape)))
-        if not self.sample_time > 0:
-            raise InputError(f"sample_time = {self.sample_time} must be positive (seconds)")
+        if not sample_time > 0:
+            raise InputError(f"sample_time = {sample_time} must be positive (seconds)")
+        object.__setattr__(self, "sample_time", float(sample_time))
 
     @property
     def order(self) -> int:

@@ -41,7 +41,7 @@ def conjugate_complete(values: ArrayLike, what: str) -> ComplexArray:
     return np.array(paired, complex)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Zpk:
     """H(z) = gain * prod(z - zeros) / prod(z - poles) * z^-delay, sampled at `sample_time` seconds.
 
@@ -53,18 +53,27 @@ class Zpk:
     poles: ComplexArray
     gain: float
     sample_time: float
-    delay: int = 0
+    delay: int
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "zeros", conjugate_complete(self.zeros, "zeros"))
-        object.__setattr__(self, "poles", conjugate_complete(self.poles, "poles"))
-        object.__setattr__(self, "gain", float(self.gain))
+    def __init__(
+        self,
+        zeros: ArrayLike,
+        poles: ArrayLike,
+        gain: float,
+        sample_time: float,
+        delay: int = 0,
+    ) -> None:
+        object.__setattr__(self, "zeros", conjugate_complete(zeros, "zeros"))
+        object.__setattr__(self, "poles", conjugate_complete(poles, "poles"))
+        object.__setattr__(self, "gain", float(gain))
         if not np.isfinite(self.gain) or self.gain == 0:
-            raise InputError(f"gain = {self.gain} must be finite and not zero")
-        if not self.sample_time > 0:
-            raise InputError(f"sample_time = {self.sample_time} must be positive (seconds)")
-        if self.delay != int(self.delay):
-            raise InputError(f"delay = {self.delay} must be a whole number of samples")
+            raise InputError(f"gain = {gain} must be finite and not zero")
+        if not sample_time > 0:
+            raise InputError(f"sample_time = {sample_time} must be positive (seconds)")
+        if delay != int(delay):
+            raise InputError(f"delay = {delay} must be a whole number of samples")
+        object.__setattr__(self, "sample_time", float(sample_time))
+        object.__setattr__(self, "delay", int(delay))
 
     @property
     def relative_degree(self) -> int:
