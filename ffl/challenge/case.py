@@ -9,79 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
-from ffl.challenge import kernel, write
+from ffl.challenge import write
 from ffl.challenge.body import FAMILIES
-from ffl.challenge.build import Build, Scales
-from ffl.challenge.detect import beyond, spectrum, tangents, whiten
-from ffl.challenge.draw import Experiment, Setup, draw_noise, draw_setup, measure
+from ffl.challenge.build import Build
+from ffl.challenge.detect import Lens
+from ffl.challenge.draw import Setup, draw_noise, draw_setup, measure
 from ffl.challenge.faults import FAULTS, spoil
 from ffl.challenge.linear import Noise
+from ffl.challenge.oracle import rivals
 from ffl.challenge.outside import OUTSIDE
 from ffl.challenge.physics import EFFECTS
+from ffl.challenge.stage import Part, assemble, run
 from ffl.errors import InputError, WorkError
 
 CONCEALMENTS = ("none", "feedback", "noise", "masked", "outside", "weak")
 DETECTABLE = 300.0  # least energy beyond the nominal parameters of an effect to be found
+DETECTABLE_IN_NOISE = 100.0  # the same where noise and trace have equal power
+ATTEMPTS = 25
 UNDETECTABLE = 3.0  # most whitened energy of an effect that is too weak
-
-
-@dataclass(frozen=True)
-class Part:
-    """One effect of a case: its name, where it acts, its own seed and the factor on its size."""
-
-    name: str
-    at: str
-    seed: int
-    size: float
-
-    def apply(self, build: Build, scales: Scales) -> dict:
-        make = EFFECTS[self.name].make if self.name in EFFECTS else OUTSIDE[self.name].make
-        return make(build, np.random.default_rng(self.seed), scales, self.at, self.size)
-
-
-def assemble(setup: Setup, parts: list[Part], scales: Scales) -> tuple[Build, list[dict]]:
-    """The true machine with its effects, and their parameters.
-
-    Effects that change matrices come before those that read them.
-    """
-    build = Build.of(setup.true)
-    order = sorted(range(len(parts)), key=lambda k: parts[k].name != "backlash")
-    parameters: list[dict] = [{} for _ in parts]
-    for k in order:
-        parameters[k] = parts[k].apply(build, scales)
-    return build, parameters
-
-
-def run(build: Build, setup: Setup, e: Experiment, noise: Noise | None, rng=None):
-    """y and u of one recording; noise-free without `noise`."""
-    n = len(e.reference)
-    sensor = force = external = lost = None
-    if noise is not None:
-        sensor, force = noise.draw(n, setup.sample_time, rng)
-        build.sensor[kernel.RESOLUTION] = noise.resolution
-        if build.knocks:
-            external = np.zeros(n)
-            for rate, size, width in build.knocks:
-                for at in np.flatnonzero(rng.random(n) < rate * setup.sample_time):
-                    k = np.arange(min(round(width / setup.sample_time), n - at))
-                    pulse = np.sin(np.pi * k * setup.sample_time / width)
-                    external[at + k] += size * rng.choice([-1, 1]) * pulse
-        if build.loss > 0:
-            lost = (rng.random(n) < build.loss).astype(float)
-    y, u, *_ = build.run(
-        setup.servo,
-        e.reference,
-        e.feedforward,
-        setup.sample_time,
-        setup.steps,
-        sensor,
-        force,
-        external,
-        lost,
-        e.start,
-    )
-    build.sensor[kernel.RESOLUTION] = 0.0
-    return y[e.skip :], u[e.skip :]
 
 
 def _points(name: str, setup: Setup, rng: np.random.Generator) -> str:
@@ -95,67 +40,79 @@ def _points(name: str, setup: Setup, rng: np.random.Generator) -> str:
 
 @dataclass(frozen=True)
 class Trace:
-    """What effects leave in the fitting recordings."""
+    """What one effect leaves in the fitting recordings."""
 
     share: float  # peak of the trace in y over y's range
     power: float  # variance of the trace over variance of the noise in y
     energy: float  # whitened
     beyond: float  # whitened, outside what nominal parameters can explain
-    sound: bool  # the machine stayed in its bounds
 
 
-def trace(setup, parts, rest, scales, noise, basis, seed) -> Trace:
-    """Trace of `parts` on top of the effects `rest`."""
-    with_all, _ = assemble(setup, parts + rest, scales)
+def _differences(setup, parts, k, scales, seed) -> tuple[list[np.ndarray], float] | None:
+    """Traces in y of effect k on top of the others, and the peak over y's range.
+
+    None where the machine leaves its bounds.
+    """
+    rest = parts[:k] + parts[k + 1 :]
+    with_all, _ = assemble(setup, [parts[k], *rest], scales)
     without, _ = assemble(setup, rest, scales)
     random = bool(with_all.knocks or with_all.loss)
-    quiet = noise.scaled(0.0) if random else None
-    difference, peak, sound = [], 0.0, True
-    for k, e in enumerate(setup.fit):
-        y1, _ = run(with_all, setup, e, quiet, np.random.default_rng([seed, k]))
+    out, peak = [], 0.0
+    for j, e in enumerate(setup.fit):
+        quiet = Noise() if random else None
+        y1, _ = run(with_all, setup, e, quiet, np.random.default_rng([seed, j]))
         y0, _ = run(without, setup, e, None)
         if not np.all(np.isfinite(y1)) or np.ptp(y1) > 4 * max(np.ptp(y0), 1e-12):
-            return Trace(np.inf, np.inf, np.inf, np.inf, False)
-        difference.append(y1 - y0)
-        peak = max(peak, np.abs(y1 - y0).max() / np.ptp(y1))
-    white = whiten(setup, noise, difference)
-    power = float(np.mean(np.concatenate(difference) ** 2))
-    floor = float(np.mean(spectrum(setup, noise, len(difference[0]))))
-    return Trace(
-        float(peak), power / floor, float(white @ white), beyond(white, basis, parts[0].name), sound
-    )
+            return None
+        out.append(y1 - y0)
+        peak = max(peak, float(np.abs(y1 - y0).max() / np.ptp(y1)))
+    return out, peak
 
 
-def _fit_size(setup, parts, scales, noise, basis, concealment, seed):
+def _fit_size(setup, parts, scales, noise, concealment, seed):
     """Adjust sizes and noise until the concealment and the detection threshold are met."""
-    for _ in range(9):
-        found = [
-            trace(setup, [p], parts[:k] + parts[k + 1 :], scales, noise, basis, seed)
-            for k, p in enumerate(parts)
-        ]
-        if not all(t.sound for t in found):
-            parts = [replace(p, size=p.size * 0.5) for p in parts]
-            continue
-        change = 1.0
+    lens = Lens(setup)
+    made = None
+    for turn in range(9):
+        if made is None:
+            made = [_differences(setup, parts, k, scales, seed) for k in range(len(parts))]
+            if any(m is None for m in made):
+                parts = [replace(p, size=p.size * 0.5) for p in parts]
+                made = None
+                continue
+        floor = np.mean(lens.spectrum(noise, 0))
+        found = []
+        for part, (traces, peak) in zip(parts, made, strict=True):
+            white = lens.whiten(noise, traces)
+            power = float(np.mean(np.concatenate(traces) ** 2) / floor)
+            left = lens.beyond(noise, white, part.name)
+            found.append(Trace(peak, power, float(white @ white), left))
+        first = found[0]
+        factors = np.ones(len(parts))
         if concealment == "weak":
-            if found[0].energy <= UNDETECTABLE:
+            if first.energy <= UNDETECTABLE:
                 return parts, noise, found
-            change = np.clip(np.sqrt(0.6 * UNDETECTABLE / found[0].energy), 1e-3, 0.9)
-            parts = [replace(parts[0], size=parts[0].size * change), *parts[1:]]
-            continue
-        if concealment == "noise" and not 0.8 < found[0].power < 1.25:
-            # More noise or, where believable noise would not hide it, a smaller effect too.
-            noise = noise.scaled(float(np.clip(np.sqrt(found[0].power), 0.3, 20.0)))
-            continue
-        weak = [t.beyond < DETECTABLE for t in found]
-        if concealment == "feedback" and found[0].share > 0.05 and not weak[0]:
-            parts = [replace(parts[0], size=parts[0].size * 0.6), *parts[1:]]
-            continue
-        if not any(weak):
-            return parts, noise, found
-        parts = [
-            replace(p, size=p.size * 1.6) if w else p for p, w in zip(parts, weak, strict=True)
-        ]
+            factors[0] = np.clip(np.sqrt(0.6 * UNDETECTABLE / first.energy), 1e-3, 0.9)
+        elif concealment == "noise" and not 0.8 < first.power < 1.25:
+            # A smaller effect and more noise, half of the way each; then the noise alone.
+            smaller = float(np.clip(first.power**-0.25, 0.2, 1.0)) if turn == 0 else 1.0
+            if smaller == 1.0:
+                noise = noise.scaled(float(np.clip(np.sqrt(first.power), 0.1, 300.0)))
+                continue
+            factors[0] = smaller
+        else:
+            threshold = DETECTABLE_IN_NOISE if concealment == "noise" else DETECTABLE
+            weak = np.array([t.beyond < threshold for t in found])
+            if concealment == "feedback" and first.share > 0.05 and not weak[0]:
+                factors[0] = 0.6
+            elif not weak.any():
+                return parts, noise, found
+            elif concealment == "noise" and weak[0]:
+                return None  # a larger effect would only ask for more noise
+            else:
+                factors[weak] = 1.6
+        parts = [replace(p, size=p.size * float(f)) for p, f in zip(parts, factors, strict=True)]
+        made = None
     return None
 
 
@@ -195,12 +152,13 @@ def make_case(
     concealment: str = "none",
     *,
     out_dir: Path | str,
-    truth_dir: Path | str,
+    truth_dir: Path | str | None = None,
     name: str = "case",
     doubt: str = "careful",
     fault: str | None = None,
+    oracle: bool = False,
 ) -> dict:
-    """Write `out_dir/name/` (plant.toml, fit_*.csv, validate_*.csv) and `truth_dir/name.json`.
+    """Write `out_dir/name/` (plant.toml, fit_*.csv, validate_*.csv), `truth_dir/name.json`.
 
     Args:
         effect: a name of EFFECTS or OUTSIDE, several, or None for nothing missing.
@@ -210,9 +168,10 @@ def make_case(
             two effects.
         doubt: nominal parameters "careful", "wrong" (still corrections by the contract), "exact".
         fault: a name of FAULTS, what goes wrong in recording.
+        oracle: also find the rivals that the recordings cannot tell from each effect (seconds).
 
-    Returns the truth. Raises InputError where the combination cannot be, WorkError where forty
-    draws did not give a sound machine with the concealment asked for.
+    Returns the truth. Raises InputError where the combination cannot be, WorkError where
+    no draw of ATTEMPTS gave a sound machine with the concealment asked for.
     """
     names = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
     for item in names:
@@ -230,7 +189,7 @@ def make_case(
     if fault is not None and fault not in FAULTS:
         raise InputError(f"fault '{fault}' is unknown; one of {', '.join(FAULTS)}")
     key = zlib.crc32(repr((names, machine, concealment, doubt, fault)).encode())
-    for attempt in range(40):
+    for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, key, attempt])
         case = _draw(names, machine, concealment, doubt, fault, rng)
         if case is not None:
@@ -242,7 +201,10 @@ def make_case(
     effects = [
         _truth_effect(p, q, setup, t) for p, q, t in zip(parts, parameters, found, strict=True)
     ]
-    recordings, oracle = {}, {}
+    recordings, floors = {}, {}
+    if oracle:
+        for entry, part in zip(effects, parts, strict=True):
+            entry["rivals"] = rivals(setup, part, parts, scales, noise)
     random = bool(build.knocks or build.loss)
     for label, plan in (("fit", setup.fit), ("validate", setup.validate)):
         for k, e in enumerate(plan):
@@ -253,7 +215,7 @@ def make_case(
             recordings[file] = (e, y, u)
             if label == "validate" and not random:
                 y0, u0 = run(build, setup, e, None)
-                oracle[file] = {
+                floors[file] = {
                     "nrmse_after": float(np.std(y - y0) / np.std(y)),
                     "u_nrmse_after": float(np.std(u - u0) / np.std(u)),
                 }
@@ -266,7 +228,7 @@ def make_case(
         "doubt": doubt,
         "effects": effects,
         "corrections": setup.corrections,
-        "oracle": oracle,
+        "oracle": floors,
         "noise": asdict(noise),
         "experiments": {file: item[0].kind for file, item in recordings.items()},
         "fault": None,
@@ -277,12 +239,14 @@ def make_case(
         truth["fault"] = spoil(fault, recordings, setup, rng)
         truth["verdicts"] = ["inconclusive", "refused"]
     folder = Path(out_dir) / name
-    write.plant(folder / "plant.toml", setup, noise, truth["fault"])
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "plant.toml").write_text(write.plant_text(setup, noise, truth["fault"]))
     for file, (e, y, u) in recordings.items():
         write.recording(folder / file, e, y, u, setup.sample_time, truth["fault"], file)
-    Path(truth_dir).mkdir(parents=True, exist_ok=True)
-    text = json.dumps(truth, indent=1, sort_keys=True)
-    (Path(truth_dir) / f"{name}.json").write_text(text + "\n")
+    if truth_dir is not None:
+        Path(truth_dir).mkdir(parents=True, exist_ok=True)
+        text = json.dumps(truth, indent=1, sort_keys=True)
+        (Path(truth_dir) / f"{name}.json").write_text(text + "\n")
     return truth
 
 
@@ -304,8 +268,7 @@ def _draw(names, machine, concealment, doubt, fault, rng):
         parts[1] = replace(parts[1], size=1.6)
     if not parts:
         return setup, parts, scales, noise, []
-    basis = tangents(setup, noise)
-    fitted = _fit_size(setup, parts, scales, noise, basis, concealment, int(rng.integers(2**31)))
+    fitted = _fit_size(setup, parts, scales, noise, concealment, int(rng.integers(2**31)))
     if fitted is None:
         return None
     parts, noise, found = fitted

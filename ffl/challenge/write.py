@@ -28,7 +28,7 @@ def _zpk(table: str, system: Zpk) -> list[str]:
     ]
 
 
-def plant(path: Path, setup: Setup, noise: Noise, fault: dict | None) -> None:
+def plant_text(setup: Setup, noise: Noise, fault: dict | None) -> str:
     """The nominal model as a plant file; what a fault makes untrue in it is untrue."""
     fault = fault or {}
     model = discrete_zpk(setup.nominal, setup.sample_time)
@@ -65,8 +65,16 @@ def plant(path: Path, setup: Setup, noise: Noise, fault: dict | None) -> None:
         f"sensor_noise = {float(f'{sensor:.1g}')!r}",
         f"force_noise = {float(f'{force:.1g}')!r}",
     ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
+
+
+def columns(
+    e: Experiment, y: np.ndarray, u: np.ndarray, sample_time: float, stretch: float = 1.0
+) -> np.ndarray:
+    """The rows of a recording, (n_samples, 5): t, r, f, u, y. A wrong clock stretches t."""
+    start = np.round(e.clock / sample_time)
+    t = (start + np.arange(len(y))) * sample_time * stretch
+    return np.column_stack([t, e.reference[e.skip :], e.feedforward[e.skip :], u, y]) + 0.0
 
 
 def recording(
@@ -78,21 +86,16 @@ def recording(
     fault: dict | None,
     file: str,
 ) -> None:
-    """CSV with the header t,r,f,u,y; a gap leaves rows out, a wrong clock stretches t."""
-    stretch = (fault or {}).get("clock_factor", 1.0)
-    t = np.round(e.clock / sample_time) * sample_time * stretch
-    t = t + np.arange(len(y)) * sample_time * stretch
-    r, f = e.reference[e.skip :], e.feedforward[e.skip :]
-    rows = np.column_stack([t, r, f, u, y])
+    """CSV with the header t,r,f,u,y; a gap leaves rows out."""
+    rows = columns(e, y, u, sample_time, (fault or {}).get("clock_factor", 1.0))
     gap = (fault or {}).get("gaps", {}).get(file)
     if gap is not None:
         rows = np.delete(rows, np.arange(*gap), axis=0)
-    header = "t,r,f,u,y"
     np.savetxt(
         path,
         rows,
         fmt=["%.7f", "%.12g", "%.12g", "%.12g", "%.12g"],
         delimiter=",",
-        header=header,
+        header="t,r,f,u,y",
         comments="",
     )

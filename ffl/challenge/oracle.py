@@ -1,0 +1,91 @@
+"""Could anybody have told the effect from its rivals? A linearised oracle.
+
+For each rival that does not contain the truth as a special case, the traces that several members
+of the rival leave in the true machine span a space; what the true effect's trace, whitened by the
+true noise, has outside this space and that of the nominal parameters is twice the log-likelihood
+ratio that an oracle has in hand. The span is larger than the rival, so "separable" is safe to say
+and "inseparable" is not quite.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.challenge.build import Build
+from ffl.challenge.detect import Lens
+from ffl.challenge.draw import Setup
+from ffl.challenge.linear import Noise
+from ffl.challenge.physics import EFFECTS
+from ffl.challenge.stage import Part, assemble, run
+
+# The names that come closest, without those of which the truth is a special case.
+RIVALS: dict[str, tuple[str, ...]] = {
+    "coulomb_friction": ("viscous_friction", "hysteresis", "presliding_friction"),
+    "asymmetric_friction": ("coulomb_friction", "constant_load"),
+    "viscous_friction": ("coulomb_friction", "quadratic_drag", "input_delay"),
+    "stribeck_friction": ("coulomb_friction", "presliding_friction"),
+    "presliding_friction": ("coulomb_friction", "hysteresis", "stribeck_friction"),
+    "position_dependent_friction": ("coulomb_friction", "asymmetric_friction"),
+    "constant_load": ("drift", "asymmetric_friction"),
+    "cogging": ("periodic_disturbance", "encoder_ripple"),
+    "linear_stiffness": ("hardening_spring", "hysteresis"),
+    "hardening_spring": ("linear_stiffness",),
+    "position_dependent_gain": ("mass_change", "linear_stiffness"),
+    "quadratic_drag": ("viscous_friction", "coulomb_friction"),
+    "backlash": ("hysteresis", "presliding_friction", "coulomb_friction"),
+    "hysteresis": ("presliding_friction", "coulomb_friction", "linear_stiffness"),
+    "saturation": ("position_dependent_gain", "dead_zone"),
+    "dead_zone": ("coulomb_friction", "presliding_friction"),
+    "input_delay": ("actuator_lag", "viscous_friction"),
+    "actuator_lag": ("input_delay", "viscous_friction"),
+    "flexible_mode": ("actuator_lag", "mass_change"),
+    "mass_change": ("viscous_friction", "position_dependent_gain"),
+    "encoder_ripple": ("cogging",),
+    "sensor_nonlinearity": ("saturation",),
+    "periodic_disturbance": ("cogging",),
+    "drift": ("constant_load",),
+}
+MEMBERS = 6
+SEPARABLE = 25.0  # an oracle's chi-square beyond doubt with up to MEMBERS free parameters
+
+
+def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) -> dict[str, float]:
+    """Energy by which each rival misses the effect's trace; below SEPARABLE none can tell.
+
+    Two points of attack (motor and load) count as one rival. Empty outside the catalogue.
+    """
+    if part.name not in EFFECTS:
+        return {}
+    rest = [p for p in parts if p is not part]
+    with_all, _ = assemble(setup, [*rest, part], scales)
+    without, _ = assemble(setup, rest, scales)
+    lens = Lens(setup)
+    base = [run(without, setup, e, None)[0] for e in setup.fit]
+
+    def traces(build: Build) -> np.ndarray | None:
+        moved = [run(build, setup, e, None)[0] for e in setup.fit]
+        if not all(np.all(np.isfinite(y)) for y in moved):
+            return None
+        return lens.whiten(noise, [a - b for a, b in zip(moved, base, strict=True)])
+
+    truth = traces(with_all)
+    nominal = [lens.whiten(noise, t) for t in lens.tangents.values()]
+    nominal = [c / np.linalg.norm(c) for c in nominal]
+    rng = np.random.default_rng(part.seed + 1)
+    points = ["motor", "load"] if setup.family.startswith("two_mass") else ["motor"]
+    found = {}
+    for name in RIVALS[part.name]:
+        only = EFFECTS[name].machines
+        if only and setup.family not in only:
+            continue
+        columns = list(nominal)
+        for k in range(MEMBERS):
+            rival = Part(name, points[k % len(points)], int(rng.integers(2**31)), 0.6 + 0.2 * k)
+            build, _ = assemble(setup, [*rest, rival], scales)
+            column = traces(build)
+            if column is not None and np.linalg.norm(column) > 0:
+                columns.append(column / np.linalg.norm(column))
+        u, s, _ = np.linalg.svd(np.array(columns).T, full_matrices=False)
+        basis = u[:, s > 1e-6 * s[0]]
+        found[name] = float(np.sum((truth - basis @ (basis.T @ truth)) ** 2))
+    return found

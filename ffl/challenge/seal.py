@@ -1,0 +1,63 @@
+"""Commitments: hashes of every truth and every recording, published before anybody solves."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+from ffl.errors import InputError
+
+FILE = "commitments.json"
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _folder_hash(folder: Path) -> str:
+    total = hashlib.sha256()
+    for path in sorted(folder.iterdir()):
+        total.update(path.name.encode() + b"\0" + path.read_bytes())
+    return total.hexdigest()
+
+
+def commit(cases: Path, truths: Path, about: dict) -> dict:
+    """Write `cases/commitments.json`. Truth files carry a random salt, so a hash tells nothing.
+
+    `root` is one hash over all of them: the number to publish.
+    """
+    entries = {}
+    for path in sorted(truths.glob("*.json")):
+        name = path.stem
+        entries[name] = {"truth": _hash(path), "case": _folder_hash(cases / name)}
+    text = json.dumps(entries, sort_keys=True)
+    root = hashlib.sha256(text.encode()).hexdigest()
+    document = {"schema": 1, "root": root, **about, "cases": entries}
+    (cases / FILE).write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
+    return document
+
+
+def open_truths(cases: Path, truths: Path) -> tuple[dict[str, dict], dict]:
+    """Truths by case name and the commitments, after every hash has been compared.
+
+    Raises InputError where a truth or a recording is not the one that was committed to.
+    """
+    path = cases / FILE
+    if not path.is_file():
+        raise InputError(f"{path}: no commitments; make the challenge first")
+    document = json.loads(path.read_text())
+    text = json.dumps(document["cases"], sort_keys=True)
+    if hashlib.sha256(text.encode()).hexdigest() != document["root"]:
+        raise InputError(f"{path}: the list of hashes does not have the published root hash")
+    opened = {}
+    for name, entry in document["cases"].items():
+        truth = truths / f"{name}.json"
+        if not truth.is_file():
+            raise InputError(f"{truth}: the truth of case {name} is missing")
+        if _hash(truth) != entry["truth"]:
+            raise InputError(f"{truth}: this is not the truth that was committed to (SHA-256)")
+        if _folder_hash(cases / name) != entry["case"]:
+            raise InputError(f"{cases / name}: files differ from those committed to (SHA-256)")
+        opened[name] = json.loads(truth.read_text())
+    return opened, document
