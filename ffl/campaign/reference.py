@@ -1,0 +1,130 @@
+"""The reference of a campaign: moves, a multisine, or a column of a recording."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ffl.campaign.forms import FileForm, MovesForm, MultisineForm
+from ffl.errors import InputError
+from ffl.systems import Move, moves, multisine
+from ffl.systems.plant_file import shipped_plants
+from ffl.systems.state_space import Array
+
+ROUNDING = 1e-9
+
+
+def find_recording(text: str, folder: Path) -> Path:
+    """A recording from the campaign's folder, the working directory, FFL_DATA or ../shared/data."""
+    data = os.environ.get("FFL_DATA")
+    folders = [folder, Path(), Path(data) if data else Path("..") / "shared" / "data"]
+    for base in folders:
+        if (base / text).is_file():
+            return base / text
+    places = ", ".join(str(base) for base in folders)
+    raise InputError(
+        f"recording '{text}': no such file (looked in {places}); set FFL_DATA to the folder of the "
+        "real recordings"
+    )
+
+
+def find_map(text: str | None, folder: Path) -> Path | None:
+    """A mapping file: a bare name among the shipped ones, or a path as for a recording."""
+    if text is None:
+        return None
+    shipped = shipped_plants() / "maps" / f"{text}.toml"
+    return shipped if shipped.is_file() else find_recording(text, folder)
+
+
+def build_reference(
+    form: MovesForm | MultisineForm | FileForm, sample_time: float, folder: Path
+) -> Array:
+    """The reference, shape (N,), at rest at its start; raises `InputError` where it is not."""
+    if isinstance(form, MovesForm):
+        sequence = [Move(**move.model_dump()) for move in form.moves]
+        return moves(sequence, form.duration, sample_time)
+    if isinstance(form, MultisineForm):
+        low, high = form.band
+        if low >= high or high > 0.5 / sample_time:
+            raise InputError(
+                f"reference.band = {form.band} Hz: give [low, high] with low < high <= "
+                f"{0.5 / sample_time:g} Hz"
+            )
+        rng = np.random.default_rng(form.seed)
+        return multisine(
+            (low, high), form.rms, form.duration, sample_time, rng, form.rest, form.taper
+        )
+    return _from_file(form, sample_time, folder)
+
+
+def _from_file(form: FileForm, sample_time: float, folder: Path) -> Array:
+    from ffl.recordings import read_recording  # readers pull in scipy.io and h5py
+
+    path = find_recording(form.file, folder)
+    recording = read_recording(path, find_map(form.map, folder))
+    if form.column not in ("r", "y", "f", "u"):
+        raise InputError(f"reference.column = '{form.column}': known: r, y, f, u")
+    if form.column in recording.missing:
+        raise InputError(f"reference.column = '{form.column}': {path} does not hold that column")
+    if abs(recording.sample_time / sample_time - 1.0) > 1e-3:
+        raise InputError(
+            f"{path}: sample time {recording.sample_time:g} s, the model has {sample_time:g} s; "
+            "resample the recording"
+        )
+    signal = np.asarray(getattr(recording, form.column), float)
+    first = round(form.start / sample_time)
+    count = len(signal) if form.duration is None else round(form.duration / sample_time)
+    signal = signal[first : first + count]
+    if len(signal) < 8:
+        raise InputError(
+            f"reference: start = {form.start} s and duration = {form.duration} s leave "
+            f"{len(signal)} samples of {path}"
+        )
+    before = lead(signal, round(form.lead_in / sample_time), form.lead_in)
+    after = lead(signal[::-1], round(form.lead_out / sample_time), form.lead_out, signal[-1])[::-1]
+    return np.concatenate([before, signal, after])
+
+
+def lead(signal: Array, n: int, duration: float, rest: float = 0.0) -> Array:
+    """`n` samples that bring a motion from rest at `rest` to the start of `signal`, smoothly.
+
+    Fifth-order polynomial that meets the signal's position, velocity and acceleration, so that a
+    recording cut out of a running motion becomes a reference that starts at rest.
+    """
+    if n == 0:
+        return np.zeros(0)
+    window = signal[: min(len(signal), 9)]  # a local cubic: three numbers from a noisy recording
+    steps = np.arange(len(window), dtype=float)
+    local = np.polynomial.Polynomial.fit(steps, window, 3).convert()
+    position, velocity, acceleration = local(0.0), local.deriv()(0.0), local.deriv(2)(0.0)
+    s = np.arange(n) / n
+    h = position - rest
+    v, a = velocity * n, acceleration * n**2
+    return (
+        rest
+        + s**3 * (10.0 * h - 4.0 * v + 0.5 * a)
+        + s**4 * (-15.0 * h + 7.0 * v - a)
+        + s**5 * (6.0 * h - 3.0 * v + 0.5 * a)
+    )
+
+
+def check_rest(reference: Array, what: str = "reference") -> None:
+    """Raises `InputError` unless the reference is finite and begins at rest at zero.
+
+    The trial starts with machine and controller at rest at position zero; a reference that is
+    already moving would ask for an infinite acceleration in the first sample.
+    """
+    if not np.all(np.isfinite(reference)):
+        at = int(np.argmin(np.isfinite(reference)))
+        raise InputError(f"{what}: sample {at} is not a finite number")
+    span = float(np.ptp(reference))
+    if span == 0:
+        raise InputError(f"{what}: constant, there is nothing to learn from; give it a motion")
+    fastest = float(np.abs(np.diff(reference)).max())
+    if abs(reference[0]) > ROUNDING * span or abs(reference[1] - reference[0]) > 0.01 * fastest:
+        raise InputError(
+            f"{what}: does not start at rest at zero (first samples {reference[0]:g}, "
+            f"{reference[1]:g}); begin a move later, or give a file reference 'lead_in' seconds"
+        )

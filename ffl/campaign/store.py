@@ -1,0 +1,117 @@
+"""A run is a folder of plain files; only the parent process writes, and every file appears whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from ffl.errors import InputError
+from ffl.systems.atomic import write_text
+
+PACKAGES = ("ffl", "numpy", "scipy", "numba", "cvxpy", "osqp", "h5py")
+
+
+def versions() -> dict[str, str]:
+    """Versions that a number may depend on."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+class Store:
+    """The folder of a campaign run: `campaign.toml` and what it needs, one HDF5 file per run,
+    `results.json`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._lock: Any = None
+
+    @classmethod
+    def open(cls, folder: Path, files: Mapping[str, str], resume: bool) -> Store:
+        """Makes or resumes the folder; refuses one that holds something else.
+
+        `files` are the resolved campaign's; a folder made from another campaign is refused.
+        """
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; give a folder for --out")
+        present = [p for p in folder.iterdir() if not _is_rest(p)] if folder.is_dir() else []
+        if present and not resume:
+            raise InputError(
+                f"{folder}: the folder is not empty; add --resume to go on, or give another --out"
+            )
+        # A kill while the folder was being made leaves some of the campaign's own files, no others.
+        whole = all((folder / name).is_file() for name in files)
+        if not whole and any(path.name not in files for path in present):
+            raise InputError(
+                f"{folder}: holds no run of this campaign to resume; give another --out"
+            )
+        for name, text in files.items():
+            path = folder / name
+            if path.is_file() and path.read_text() != text:
+                line = _first_difference(path.read_text(), text)
+                raise InputError(
+                    f"{path}: the campaign has changed since the folder was made ({line}); give "
+                    "another --out"
+                )
+        store = cls(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            store._hold()
+            for name, text in files.items():
+                if not (folder / name).is_file():
+                    write_text(folder / name, text)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+        for path in folder.iterdir():
+            if path.name.endswith(".part"):
+                path.unlink(missing_ok=True)
+        return store
+
+    def signals(self, run: str) -> Path:
+        return self.folder / f"{run}.h5"
+
+    def write_results(self, results: Mapping[str, Any]) -> None:
+        text = json.dumps(results, indent=1, allow_nan=False)
+        write_text(self.folder / "results.json", text + "\n")
+
+    def close(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _hold(self) -> None:
+        """One writer: the lock falls with the process, however it ends."""
+        try:
+            import fcntl
+        except ImportError:  # no advisory locks on this system
+            return
+        self._lock = open(self.folder / ".lock", "w")  # noqa: SIM115
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._lock.close()
+            raise InputError(
+                f"{self.folder}: another ffl run writes here; wait for it or give another --out"
+            ) from None
+        os.set_inheritable(self._lock.fileno(), False)
+
+
+def _is_rest(path: Path) -> bool:
+    """What an interrupted write may leave behind."""
+    return path.name == ".lock" or (path.name.startswith(".") and path.name.endswith(".part"))
+
+
+def _first_difference(old: str, new: str) -> str:
+    for before, after in zip(old.splitlines(), new.splitlines(), strict=False):
+        if before != after:
+            return f"was '{before[:60]}', is '{after[:60]}'"
+    return "lines were added or taken out"

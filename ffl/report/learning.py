@@ -1,0 +1,83 @@
+"""The verbs of learning campaigns: run with a report, report, rerun."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffl import __version__
+from ffl.campaign import Campaign, Outcome, load_campaign, run_campaign
+from ffl.report.finished import read_folders, read_results
+from ffl.report.terminal import print_table, progress
+
+
+def run_with_report(
+    campaign: Campaign, out: Path | None, jobs: int = 1, resume: bool = False, quiet: bool = False
+) -> Outcome:
+    """Runs the campaign into `out` (default runs/NAME) and writes report.html beside the data."""
+    folder = out if out is not None else Path("runs") / campaign.name
+    done: dict[str, int] = {}
+    total = len(campaign.runs) * campaign.trials
+    with progress(campaign.name, total, quiet) as advance:
+
+        def tell(run: str, trial: int, norm: float) -> None:
+            done[run] = trial
+            advance(sum(done.values()), f"{run}, trial {trial}: ||e|| = {norm:.3g}")
+
+        outcome = run_campaign(campaign, folder, jobs, resume, tell)
+    if any(run["error_norm"] for run in outcome.results["runs"]):
+        write_report([folder], folder / "report.html")
+    return outcome
+
+
+def write_report(folders: Sequence[Path], target: Path) -> None:
+    """One page from the folders' runs."""
+    from ffl.report.learning_page import learning_page
+
+    page = learning_page(read_folders(folders))
+    results = read_results(folders[0])
+    packages = ", ".join(f"{name} {text}" for name, text in results["versions"].items())
+    page.footer = f"Written by ffl {__version__} from {len(folders)} folder(s); {packages}."
+    page.write(target)
+
+
+def print_summary(folders: Sequence[Path]) -> None:
+    """The runs as a table on stdout."""
+    rows = []
+    for run in read_folders(folders):
+        norms = run.error_norm
+        rows.append([run.label, run.entry["status"], run.entry["parameters"], len(norms),
+                     norms[0], norms[-1], norms[-1] / norms[0]])  # fmt: skip
+    header = ["run", "status", "parameters", "trials", "||e_1||", "||e_last||", "last/first"]
+    print_table(header, rows)
+
+
+def rerun_folder(folder: Path, out: Path | None, jobs: int, quiet: bool) -> bool:
+    """Runs the folder's resolved campaign again; True where every number is the same to the bit."""
+    before = read_results(folder)
+    campaign = load_campaign(folder / "campaign.toml")
+    with tempfile.TemporaryDirectory() as scratch:
+        target = out if out is not None else Path(scratch) / "again"
+        outcome = run_with_report(campaign, target, jobs, quiet=quiet)
+    rows, same = [], True
+    for old, new in zip(before["runs"], outcome.results["runs"], strict=True):
+        equal = _numbers(old) == _numbers(new)
+        same &= equal
+        difference = _difference(old["error_norm"], new["error_norm"])
+        rows.append([old["name"], "same" if equal else "differs", difference])
+    print_table(["run", "numbers", "largest relative difference of ||e||"], rows)
+    return same
+
+
+def _numbers(run: dict[str, Any]) -> list[Any]:
+    return [run[name] for name in ("error_norm", "feedforward_norm", "cost")]
+
+
+def _difference(old: list[float], new: list[float]) -> float:
+    n = min(len(old), len(new))
+    a, b = np.array(old[:n]), np.array(new[:n])
+    return float(np.max(np.abs(a - b) / np.abs(a), initial=0.0))
