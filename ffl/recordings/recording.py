@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class Recording:
 
     Attributes
     ----------
-    t, r, f, u, y : float arrays of shape (n,), read-only
+    t, r, f, u, y : float arrays of shape (n,)
         Time [s]; reference; feedforward and every other known injection; total actuator command
         as sent; measured output. An open-loop machine has r = 0 and u = f.
     d : float array of shape (n,) or None
@@ -187,19 +188,17 @@ def _column(values: object, name: str, source: str) -> Array:
         column = np.asarray(values)
         if column.dtype.kind not in "biuf":
             raise TypeError
-        column = np.ascontiguousarray(column, dtype=float).view()
+        column = np.ascontiguousarray(column, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{source}: column {name} is not an array of real numbers") from None
     if column.ndim != 1:
         raise InputError(
             f"{source}: column {name} has shape {column.shape}; give one value per sample"
         )
-    column.flags.writeable = False
     return column
 
 
 def shared_clock(recordings: tuple[Recording, ...] | list[Recording]) -> bool:
     """True where the recordings tell one time: no two overlap. Otherwise the offset is unknown."""
     spans = sorted((x.t[0], x.t[-1], x.sample_time) for x in recordings)
-    pairs = zip(spans, spans[1:], strict=False)
-    return all(b[0] > a[1] + 0.5 * a[2] for a, b in pairs)
+    return all(b[0] > a[1] + 0.5 * a[2] for a, b in pairwise(spans))
