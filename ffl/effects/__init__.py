@@ -1,1 +1,83 @@
-"""See docs/design.md."""
+"""Physics beside the linear plant: the catalogue of effects, each written once."""
+
+from __future__ import annotations
+
+from ffl.effects.actuator_lag import ActuatorLag
+from ffl.effects.asymmetric_friction import AsymmetricFriction
+from ffl.effects.backlash import Backlash
+from ffl.effects.base import Effect, Motion, Parameter, Setting, suggest
+from ffl.effects.cogging import Cogging
+from ffl.effects.constant_load import ConstantLoad
+from ffl.effects.coulomb_friction import CoulombFriction
+from ffl.effects.dead_zone import DeadZone
+from ffl.effects.drift import Drift
+from ffl.effects.encoder_ripple import EncoderRipple
+from ffl.effects.flexible_mode import FlexibleMode
+from ffl.effects.hardening_spring import HardeningSpring
+from ffl.effects.hysteresis import Hysteresis
+from ffl.effects.input_delay import InputDelay
+from ffl.effects.linear_stiffness import LinearStiffness
+from ffl.effects.mass_change import MassChange
+from ffl.effects.mechanics import Mechanics, Point, mechanics_of
+from ffl.effects.periodic_disturbance import PeriodicDisturbance
+from ffl.effects.position_dependent_friction import PositionDependentFriction
+from ffl.effects.position_dependent_gain import PositionDependentGain
+from ffl.effects.presliding_friction import PreslidingFriction
+from ffl.effects.quadratic_drag import QuadraticDrag
+from ffl.effects.saturation import Saturation
+from ffl.effects.sensor_nonlinearity import SensorNonlinearity
+from ffl.effects.stribeck_friction import StribeckFriction
+from ffl.effects.viscous_friction import ViscousFriction
+from ffl.errors import InputError
+from ffl.systems.plant import EffectSpec
+
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect
+    for effect in (
+        CoulombFriction(),
+        AsymmetricFriction(),
+        ViscousFriction(),
+        StribeckFriction(),
+        PreslidingFriction(),
+        PositionDependentFriction(),
+        ConstantLoad(),
+        Cogging(),
+        LinearStiffness(),
+        HardeningSpring(),
+        PositionDependentGain(),
+        QuadraticDrag(),
+        Backlash(),
+        Hysteresis(),
+        Saturation(),
+        DeadZone(),
+        InputDelay(),
+        ActuatorLag(),
+        FlexibleMode(),
+        MassChange(),
+        EncoderRipple(),
+        SensorNonlinearity(),
+        PeriodicDisturbance(),
+        Drift(),
+    )
+}
+
+
+def effect_of(spec: EffectSpec) -> Effect:
+    """The catalogue's entry for `spec`, or `InputError` with a suggestion."""
+    if spec.name not in EFFECTS:
+        raise InputError(f"unknown effect '{spec.name}'; {suggest(spec.name, list(EFFECTS))}")
+    return EFFECTS[spec.name]
+
+
+__all__ = [
+    "EFFECTS",
+    "Effect",
+    "EffectSpec",
+    "Mechanics",
+    "Motion",
+    "Parameter",
+    "Point",
+    "Setting",
+    "effect_of",
+    "mechanics_of",
+]

@@ -1,1 +1,6 @@
-"""See docs/design.md."""
+"""Machines: the simulated closed loop with effects, one compiled kernel."""
+
+from ffl.machines.simulated import SimulatedMachine
+from ffl.machines.simulator import Simulation, Simulator, simulate
+
+__all__ = ["SimulatedMachine", "Simulation", "Simulator", "simulate"]

@@ -1,0 +1,299 @@
+"""What an effect is: one piece of physics beside the linear plant, written once.
+
+An `Effect` is a stateless object in the dict `EFFECTS`; a plant file's `[[effects]]` entry is an
+`EffectSpec` (name, parameters, options) that it gives meaning to. One effect serves
+
+simulation  `law` (how it acts in a step, see `ffl.effects.law`), with `pack`, `initial_state`
+            and `stiffness`; or `modify`, for what belongs to the linear part (mass,
+            damping, stiffness, a mode), which then costs nothing in the kernel;
+diagnosis   `grid` (values of the non-linear parameters worth trying, from the data), `regressors`
+            (signals, linear in the rest), `from_coefficients` (fitted coefficients to parameters),
+            `parameters` with units and bounds, `component`, `depends_on`, `siblings`;
+feedforward `compensation` (regressors that cancel it, from the motion of the reference);
+the report  `says`.
+
+Ports. `port` names where the signal of an effect enters the loop: 'force' (beside the force on the
+plant, in newton where `motor_constant` is known, so divide by it to get to u), 'command' (added to
+the command between controller and plant, in the input's unit), 'output' (added to the measured
+output). Regressors of an effect are signals at its port: filter a force or command regressor with
+the process sensitivity (a force one divided by the motor constant), an output regressor with the
+sensitivity, and the sum over columns of coefficient * filtered regressor is the effect's
+first-order contribution to y.
+
+Motion. Regressors are computed from *simulated* motion (`Motion`), never from y smoothed without
+delay: that leaks the present noise into the regression (FINDINGS, Diagnosis 3).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ffl.effects.mechanics import Mechanics, Point
+from ffl.errors import InputError
+from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
+
+Parameters = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Simulated signals of one recording, each of shape (N,).
+
+    `t` s; `r` reference; `u` command as sent; `x`, `v`, `a` position, velocity and acceleration of
+    the point where an effect acts (output units and their time derivatives), noise-free; `mass` of
+    the moving part (force unit s^2 / output unit; 1/`Mechanics` residue).
+    """
+
+    t: Array
+    r: Array
+    u: Array
+    x: Array
+    v: Array
+    a: Array
+    sample_time: float
+    mass: float = 1.0
+
+    @classmethod
+    def of_reference(cls, r: Array, sample_time: float, mass: float = 1.0) -> Motion:
+        """The motion a reference asks for: central differences, v = dr/dt, a = d2r/dt2."""
+        r = np.asarray(r, float)
+        v = np.gradient(r, sample_time)
+        t = sample_time * np.arange(len(r))
+        return cls(t, r, np.zeros_like(r), r, v, np.gradient(v, sample_time), sample_time, mass)
+
+    @property
+    def direction(self) -> Array:
+        """Sign of v, straight through zero below a thousandth of the largest |v|: at standstill a
+        simulated velocity is rounding, and its sign would be noise."""
+        floor = 1e-3 * float(np.abs(self.v).max(initial=0.0))
+        return np.clip(self.v / floor, -1.0, 1.0) if floor > 0 else np.zeros_like(self.v)
+
+    @property
+    def span(self) -> float:
+        """Largest minus smallest position."""
+        return float(np.ptp(self.x)) if len(self.x) else 0.0
+
+    @property
+    def middle(self) -> float:
+        return 0.5 * float(self.x.max() + self.x.min())
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter: `unit` in terms of F (force), x (output unit), s, Hz, rad; bounds; `linear` where
+    the effect's contribution is linear in it; `optional` with a default."""
+
+    name: str
+    unit: str
+    lower: float = 0.0
+    upper: float = np.inf
+    linear: bool = True
+    default: float | None = None
+
+    def unit_in(self, plant: Plant) -> str:
+        """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
+        force = "N" if plant.physics.motor_constant is not None else plant.input_unit or "input"
+        words = {"F": force, "u": plant.input_unit or "input", "x": plant.output_unit or "output"}
+        return " ".join(
+            "/".join(_power(part, words) for part in word.split("/")) for word in self.unit.split()
+        )
+
+
+def _power(word: str, words: Mapping[str, str]) -> str:
+    return words.get(word[:1], word[:1]) + word[1:] if word[:1] in words else word
+
+
+Law = Callable[[Any, Any, Any], None]
+
+
+class Effect:
+    """Base of all effects; a new one is one file with one subclass and one line in `EFFECTS`.
+
+    Class attributes: `name`; `component` (actuator, plant, transmission, sensor, environment,
+    timing); `port` ('force', 'command', 'output'); `parameters`; `depends_on`; `siblings` (names of
+    effects it is easily taken for: fit them all before adding a second effect); `law` (None for
+    effects of the linear part); `sides` it may act on; `scan` ('position' or 'time': the first
+    parameter of `grid` is a period in x or a frequency in t, better searched all at once by a
+    Fourier transform over x or t than value by value); `fixed_amount` (the coefficient of its
+    regressor is 1 by nature; a fitted one far from 1 speaks against the effect).
+    """
+
+    name: ClassVar[str]
+    component: ClassVar[str] = "plant"
+    port: ClassVar[str] = "force"
+    parameters: ClassVar[tuple[Parameter, ...]]
+    depends_on: ClassVar[tuple[str, ...]] = ()
+    siblings: ClassVar[tuple[str, ...]] = ()
+    options: ClassVar[Mapping[str, Any]] = {}
+    law: ClassVar[Law | None] = None
+    sides: ClassVar[tuple[str, ...]] = ("sensor", "motor", "load")
+    default_side: ClassVar[str] = "sensor"
+    scan: ClassVar[str] = ""
+    fixed_amount: ClassVar[bool] = False
+
+    # --- reading ---------------------------------------------------------------------------------
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter `name`, or `InputError` with a suggestion."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        known = [parameter.name for parameter in self.parameters]
+        raise InputError(f"effect {self.name}: unknown parameter '{name}'; {suggest(name, known)}")
+
+    def check(self, spec: EffectSpec) -> dict[str, Any]:
+        """The parameters of `spec`, complete and within bounds, else `InputError` in one line."""
+        values: dict[str, Any] = {}
+        for name, value in spec.parameters.items():
+            values[name] = self.check_value(self.parameter(name), value)
+        for parameter in self.parameters:
+            if parameter.name not in values:
+                if parameter.default is None:
+                    raise InputError(
+                        f"effect {self.name}: parameter '{parameter.name}' is missing; add it to "
+                        "parameters"
+                    )
+                values[parameter.name] = parameter.default
+        for name, value in spec.options.items():
+            self.check_option(name, value)
+        return values
+
+    def require(self, sound: bool, message: str) -> None:
+        """`InputError` that names the effect, unless `sound`."""
+        if not sound:
+            raise InputError(f"effect {self.name}: {message}")
+
+    def check_option(self, name: str, value: Any) -> None:
+        """Keys beside `name` and `parameters`: `side`, `mass_ratio`, and the effect's `options`."""
+        known = {"side": self.sides, "mass_ratio": None, **self.options}
+        if name not in known:
+            raise InputError(
+                f"effect {self.name}: unknown key '{name}'; {suggest(name, list(known))}"
+            )
+        choices = known[name]
+        if choices is not None and value not in choices:
+            raise InputError(
+                f"effect {self.name}: {name} = '{value}'; take one of {', '.join(choices)}"
+            )
+        if choices is None and not (isinstance(value, int | float) and value > 0):
+            raise InputError(f"effect {self.name}: {name} = {value} must be a positive number")
+
+    def check_value(self, parameter: Parameter, value: Any) -> Any:
+        """One value within its bounds."""
+        if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
+            raise InputError(f"effect {self.name}: {parameter.name} = {value!r} must be a number")
+        if not np.isfinite(value):
+            raise InputError(f"effect {self.name}: {parameter.name} = {value} must be finite")
+        if not parameter.lower <= value <= parameter.upper:
+            raise InputError(
+                f"effect {self.name}: {parameter.name} = {value:g} must lie between "
+                f"{parameter.lower:g} and {parameter.upper:g}"
+            )
+        return float(value)
+
+    # --- simulation ------------------------------------------------------------------------------
+
+    def port_in(self, setting: Setting) -> str:
+        """The port in this setting, for effects with several forms."""
+        return self.port
+
+    def law_in(self, setting: Setting) -> Law | None:
+        """The law in this setting, for effects with several forms."""
+        return self.law
+
+    def side_in(self, setting: Setting) -> str:
+        """The side it acts on in this setting."""
+        return str(setting.options.get("side", self.default_side))
+
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        """Numbers for the law; parameters whose unit has F in it are divided by the motor constant."""
+        return [
+            values[p.name] / setting.force_per_input if "F" in p.unit else values[p.name]
+            for p in self.parameters
+        ]
+
+    def initial_state(self, packed: Sequence[float], step: float) -> list[float]:
+        """State at the start; its length is the number of states."""
+        return []
+
+    def stiffness(self, packed: Sequence[float]) -> float:
+        """Largest force per displacement the law can show, input unit / output unit: decides how
+        many sub-steps a sample is cut into."""
+        return 0.0
+
+    def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
+        """The linear part with the effect in it; unchanged where `law` does the work."""
+        return mechanics
+
+    # --- diagnosis -------------------------------------------------------------------------------
+
+    def grid(self, motion: Motion) -> list[dict[str, float]]:
+        """Values of the non-linear parameters to try, from the data; [{}] where there are none."""
+        return [{}]
+
+    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        """(N, k) signals at `port`, for the coefficients that `from_coefficients` reads."""
+        raise InputError(f"effect {self.name} has no regressors")
+
+    def from_coefficients(
+        self, coefficients: Array, nonlinear: Mapping[str, float]
+    ) -> dict[str, Any]:
+        """Parameters from fitted coefficients; magnitudes outside their bounds are clipped."""
+        names = [p.name for p in self.parameters if p.linear]
+        values = dict(nonlinear)
+        for name, value in zip(names, coefficients, strict=True):
+            parameter = self.parameter(name)
+            values[name] = float(np.clip(value, parameter.lower, parameter.upper))
+        return values
+
+    # --- feedforward -----------------------------------------------------------------------------
+
+    def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
+        """(N, k) feedforward signals, in the unit of the port, that cancel the effect when weighted
+        with its coefficients; None where there are none (a sensor effect, an unknown time)."""
+        if self.port != "force":
+            return None
+        return -self.regressors(motion, **nonlinear)
+
+    # --- words -----------------------------------------------------------------------------------
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        """One sentence for an engineer."""
+        raise InputError(f"effect {self.name} has no sentence")
+
+    def quantity(self, values: Parameters, name: str, plant: Plant) -> str:
+        """'20.4 N' for parameter `name`."""
+        return f"{values[name]:.4g} {self.parameter(name).unit_in(plant)}".strip()
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an effect must know of its surroundings: newton per input unit (1 where unknown: forces
+    are then in the input's unit), the linear part, and the options of this instance."""
+
+    force_per_input: float
+    mechanics: Mechanics
+    options: Mapping[str, Any]
+
+    @property
+    def sample_time(self) -> float:
+        return self.mechanics.sample_time
+
+    @property
+    def mass_ratio(self) -> float | None:
+        return self.options.get("mass_ratio")
+
+    def point(self, side: str) -> Point:
+        return self.mechanics.point(side, self.mass_ratio)
+
+
+def suggest(name: str, known: Sequence[str]) -> str:
+    """'did you mean X?' where a known name is near, else the list of known names."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"

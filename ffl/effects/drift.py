@@ -1,0 +1,76 @@
+"""A slow force: settling, a slow sine or a ramp."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.law import COMMIT, FIRST, STEP, TIME
+from ffl.effects.solve import set_curve
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+KINDS = ("exponential", "sine", "ramp")
+
+
+@njit(error_model="numpy")
+def _force(p, t):  # type: ignore[no-untyped-def]
+    """p: amplitude, time_constant, kind."""
+    if p[2] == 0.0:
+        return p[0] * (1.0 - np.exp(-t / p[1]))
+    if p[2] == 1.0:
+        return p[0] * np.sin(2.0 * np.pi * t / p[1])
+    return p[0] * t / p[1]
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    if io[COMMIT] != 0.0 or io[FIRST] == 0.0:
+        return
+    t, h = io[TIME], io[STEP]
+    set_curve(io, _force(p, t), _force(p, t + 0.5 * h), _force(p, t + h))
+
+
+class Drift(Effect):
+    """F = amplitude (1 - exp(-t/time_constant)); `kind` "sine": amplitude sin(2 pi t/time_constant);
+    "ramp": amplitude t/time_constant. t is the recording's clock."""
+
+    name = "drift"
+    component = "environment"
+    parameters = (
+        Parameter("amplitude", "F", lower=-np.inf),
+        Parameter("time_constant", "s", lower=1e-6, linear=False),
+    )
+    options = {"kind": KINDS}  # noqa: RUF012
+    depends_on = ("time", "temperature")
+    siblings = ("constant_load", "periodic_disturbance", "linear_stiffness")
+    law = staticmethod(_law)
+
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        kind = float(KINDS.index(setting.options.get("kind", "exponential")))
+        return [values["amplitude"] / setting.force_per_input, values["time_constant"], kind]
+
+    def grid(self, motion: Motion) -> list[dict[str, Any]]:
+        duration = len(motion.t) * motion.sample_time
+        return [
+            {"time_constant": float(tau), "kind": kind}
+            for kind in KINDS
+            for tau in (duration * np.geomspace(0.05, 4.0, 8) if kind != "ramp" else [duration])
+        ]
+
+    def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
+        packed = np.array(
+            [1.0, nonlinear["time_constant"], KINDS.index(nonlinear.get("kind", "exponential"))]
+        )
+        return np.asarray(_force.py_func(packed, motion.t))[:, None]
+
+    def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
+        return None  # the reference does not know how long the machine has been on
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        return (
+            f"A slow force drifts by {self.quantity(values, 'amplitude', plant)} over about "
+            f"{self.quantity(values, 'time_constant', plant)}."
+        )

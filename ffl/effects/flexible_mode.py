@@ -1,0 +1,75 @@
+"""A part of the moving mass on a spring, which the model takes for rigid."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.mechanics import Mechanics
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+
+class FlexibleMode(Effect):
+    """The share `mass_fraction` of the moving mass M hangs on a spring and a damper.
+
+    With m1 = (1 - mu) M, m2 = mu M: resonance (2 pi f)^2 = k (1/m1 + 1/m2), damper
+    c = 2 damping (2 pi f) mu (1 - mu) M, anti-resonance (2 pi f)^2 (1 - mu) seen from the motor.
+    The total mass stays M. Key `measured` = "motor" (default: the sensor stays where it was) or
+    "load" (the sensor moves with the hung mass).
+    """
+
+    name = "flexible_mode"
+    parameters = (
+        Parameter("frequency", "Hz", lower=1e-6, linear=False),
+        Parameter("damping", "", upper=1.0, linear=False, default=0.01),
+        Parameter("mass_fraction", "", lower=1e-9, upper=0.999),
+    )
+    depends_on = ("acceleration", "time")
+    siblings = ("mass_change", "actuator_lag", "input_delay")
+    options = {"measured": ("motor", "load")}  # noqa: RUF012
+    sides = ("sensor", "motor")
+
+    def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
+        point = mechanics.point(self.side_in(setting), setting.mass_ratio)
+        whole, share = mechanics.moving_mass, values["mass_fraction"]
+        pulsation = 2.0 * np.pi * values["frequency"]
+        reduced = share * (1.0 - share) * whole
+        lighter = mechanics.with_mass(point, -share * whole)
+        return lighter.with_hung_mass(
+            lighter.point(self.side_in(setting), setting.mass_ratio),
+            share * whole,
+            pulsation**2 * reduced,
+            2.0 * values["damping"] * pulsation * reduced,
+            setting.options.get("measured", "motor") == "load",
+        )
+
+    def grid(self, motion: Motion) -> list[dict[str, float]]:
+        top = 0.4 / motion.sample_time
+        low = max(2.0 / (len(motion.t) * motion.sample_time), top / 1e4)
+        return [
+            {"frequency": float(f), "damping": z}
+            for f in np.geomspace(low, top, 60)
+            for z in (0.01, 0.1)
+        ]
+
+    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        """M (a - H a), H the hung mass's own second-order response: first order in mass_fraction."""
+        pulsation = 2.0 * np.pi * nonlinear["frequency"]
+        root = pulsation * (
+            -nonlinear["damping"] + 1j * np.sqrt(max(1.0 - nonlinear["damping"] ** 2, 1e-6))
+        )
+        z = np.exp(root * motion.sample_time)
+        denominator = np.array([1.0, -2.0 * z.real, abs(z) ** 2])
+        held = lfilter([0.5 * denominator.sum()] * 2, denominator, motion.a)
+        return np.column_stack([motion.mass * (motion.a - held)])
+
+    def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
+        return None
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        return (
+            f"{100 * values['mass_fraction']:.3g} % of the moving mass sits on a spring, with its "
+            f"resonance at {values['frequency']:.4g} Hz (damping {values['damping']:.2g})."
+        )

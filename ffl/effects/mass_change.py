@@ -1,0 +1,33 @@
+"""A moving mass other than the model's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.mechanics import Mechanics
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+
+class MassChange(Effect):
+    """F = -change mass a, put into the linear part and so exact at any size."""
+
+    name = "mass_change"
+    parameters = (Parameter("change", "", lower=-0.99),)
+    depends_on = ("acceleration",)
+    siblings = ("viscous_friction", "flexible_mode", "position_dependent_gain")
+
+    def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
+        point = mechanics.point(self.side_in(setting), setting.mass_ratio)
+        return mechanics.with_mass(point, values["change"] * mechanics.moving_mass)
+
+    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        return np.column_stack([-motion.mass * motion.a])
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        size = abs(100 * values["change"])
+        return (
+            f"The moving mass is {size:.3g} % {'larger' if values['change'] > 0 else 'smaller'} than "
+            "the model's."
+        )

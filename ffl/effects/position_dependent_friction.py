@@ -1,0 +1,137 @@
+"""Friction whose level depends on position and direction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.law import COMMIT, X0, X1
+from ffl.effects.solve import set_friction
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+
+@njit(error_model="numpy")
+def _levels(p, x):  # type: ignore[no-untyped-def]
+    """Levels in + and - direction at x: straight between knots, constant beyond the ends.
+
+    p: number of knots n, then n grid values, n positive levels, n negative levels.
+    """
+    n = int(p[0])
+    if x <= p[1]:
+        return p[1 + n], p[1 + 2 * n]
+    if x >= p[n]:
+        return p[2 * n], p[3 * n]
+    low, high = 1, n
+    while high - low > 1:
+        half = (low + high) // 2
+        if p[half] <= x:
+            low = half
+        else:
+            high = half
+    share = (x - p[low]) / (p[low + 1] - p[low])
+    plus = p[low + n] + share * (p[low + 1 + n] - p[low + n])
+    minus = p[low + 2 * n] + share * (p[low + 1 + 2 * n] - p[low + 2 * n])
+    return plus, minus
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    """s: at rest at the start, at rest at the end of the step being solved."""
+    if io[COMMIT] != 0.0:
+        s[0] = s[1]
+        return
+    plus, minus = _levels(p, io[X0])
+    plus_end, minus_end = _levels(p, io[X1])
+    rests = set_friction(io, s[0] != 0.0, (plus, plus_end), (minus, minus_end), plus, minus)
+    s[1] = 1.0 if rests else 0.0
+
+
+class PositionDependentFriction(Effect):
+    """F = -level(x, direction) sign(v), from a table over position, sticking at v = 0.
+
+    `table` = {grid, positive, negative}: rising positions and the levels there while moving in
+    positive and negative direction. `level` is the mean of the table (computed where absent).
+    """
+
+    name = "position_dependent_friction"
+    parameters = (Parameter("table", "F"), Parameter("level", "F", default=-1.0))
+    depends_on = ("position", "direction")
+    siblings = ("coulomb_friction", "asymmetric_friction", "cogging")
+    law = staticmethod(_law)
+
+    def check(self, spec):  # type: ignore[no-untyped-def]
+        values = super().check(spec)
+        table = values["table"]
+        mean = float(np.mean([table["positive"], table["negative"]]))
+        if values["level"] < 0:
+            values["level"] = mean
+        self.require(
+            abs(values["level"] - mean) <= 1e-3 * max(mean, 1e-12),
+            f"level = {values['level']:g} is not the mean of the table, {mean:g}; leave it out",
+        )
+        return values
+
+    def check_value(self, parameter: Parameter, value: Any) -> Any:
+        if parameter.name != "table":
+            return super().check_value(parameter, value)
+        wanted = ("grid", "positive", "negative")
+        self.require(
+            isinstance(value, dict) and set(value) == set(wanted),
+            "table must hold grid, positive and negative, three lists of numbers",
+        )
+        table = {key: [super(type(self), self).check_value(_NUMBER, v) for v in value[key]]
+                 for key in wanted}  # fmt: skip
+        grid = np.array(table["grid"])
+        self.require(
+            len(grid) >= 2 and len({len(v) for v in table.values()}) == 1,
+            "table needs grid, positive and negative of one length, at least 2",
+        )
+        self.require(bool(np.all(np.diff(grid) > 0)), "table.grid must rise strictly")
+        levels = np.array([table["positive"], table["negative"]])
+        self.require(bool(np.all(levels >= 0)), "table levels are magnitudes; give values >= 0")
+        return table
+
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        table, scale = values["table"], 1.0 / setting.force_per_input
+        levels = [scale * v for key in ("positive", "negative") for v in table[key]]
+        return [float(len(table["grid"])), *table["grid"], *levels]
+
+    def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
+        return [0.0, 0.0]
+
+    def grid(self, motion: Motion) -> list[dict[str, float]]:
+        low, high = float(motion.x.min()), float(motion.x.max())
+        return [{"knots": float(n), "low": low, "high": high} for n in (5, 9, 17, 33)]
+
+    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        """Hat functions of position for either direction; `knots` spread from `low` to `high`."""
+        grid = _grid(nonlinear)
+        hats = np.array([np.interp(motion.x, grid, row) for row in np.eye(len(grid))]).T
+        direction = motion.direction[:, None]
+        return np.hstack([-hats * np.maximum(direction, 0), hats * np.maximum(-direction, 0)])
+
+    def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
+        grid = _grid(nonlinear)
+        levels = np.maximum(np.asarray(coefficients, float), 0.0)
+        plus, minus = levels[: len(grid)].tolist(), levels[len(grid) :].tolist()
+        table = {"grid": grid.tolist(), "positive": plus, "negative": minus}
+        return {"table": table, "level": float(levels.mean())}
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        table = values["table"]
+        levels = np.array([table["positive"], table["negative"]])
+        unit = self.parameter("level").unit_in(plant)
+        return (
+            f"Dry friction varies with position between {levels.min():.4g} and {levels.max():.4g} "
+            f"{unit} (mean {values['level']:.4g} {unit})."
+        )
+
+
+_NUMBER = Parameter("table", "F", lower=-np.inf)
+
+
+def _grid(nonlinear):  # type: ignore[no-untyped-def]
+    return np.linspace(nonlinear["low"], nonlinear["high"], int(nonlinear["knots"]))

@@ -1,0 +1,54 @@
+"""A motor whose force per command depends on position."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters
+from ffl.effects.law import MEAN, SLOPE, STEP, V0, X0
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    """p: linear_coefficient, quadratic_coefficient, centre. The gain runs straight over the step."""
+    away = io[X0] - p[2]
+    start = 1.0 + p[0] * away + p[1] * away * away
+    away += io[STEP] * io[V0]
+    end = 1.0 + p[0] * away + p[1] * away * away
+    mean, slope = 0.5 * (start + end), 0.5 * (end - start)
+    u, u_slope = io[MEAN], io[SLOPE]
+    io[MEAN] = mean * u + slope * u_slope / 3.0
+    io[SLOPE] = mean * u_slope + slope * u
+
+
+class PositionDependentGain(Effect):
+    """Force times (1 + linear (x - centre) + quadratic (x - centre)^2)."""
+
+    name = "position_dependent_gain"
+    component = "actuator"
+    port = "command"
+    default_side = "motor"
+    parameters = (
+        Parameter("linear_coefficient", "1/x", lower=-np.inf, default=0.0),
+        Parameter("quadratic_coefficient", "1/x^2", lower=-np.inf, default=0.0),
+        Parameter("centre", "x", lower=-np.inf, linear=False, default=0.0),
+    )
+    depends_on = ("position", "command")
+    siblings = ("hardening_spring", "mass_change", "cogging")
+    law = staticmethod(_law)
+
+    def grid(self, motion: Motion) -> list[dict[str, float]]:
+        return [{"centre": motion.middle}]
+
+    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        away = motion.x - nonlinear["centre"]
+        return np.column_stack([away * motion.u, away**2 * motion.u])
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        return (
+            "The force per command depends on position: 1 + "
+            f"({values['linear_coefficient']:.3g})(x - c) + "
+            f"({values['quadratic_coefficient']:.3g})(x - c)^2 with c = "
+            f"{self.quantity(values, 'centre', plant)}."
+        )

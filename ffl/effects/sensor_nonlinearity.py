@@ -1,0 +1,72 @@
+"""A sensor that clips, or that does not see the sign."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.law import MEAN
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+KINDS = ("clipping", "rectified")
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    """p: kind (0 clipping, 1 rectified), level."""
+    if p[0] == 0.0:
+        io[MEAN] = min(max(io[MEAN], -p[1]), p[1])
+    else:
+        io[MEAN] = abs(io[MEAN])
+
+
+class SensorNonlinearity(Effect):
+    """kind "clipping": y clipped at +-level; "rectified": |y| (`level` is not used)."""
+
+    name = "sensor_nonlinearity"
+    component = "sensor"
+    port = "output"
+    sides = ("sensor",)
+    parameters = (Parameter("kind", "", linear=False), Parameter("level", "x", default=0.0))
+    depends_on = ("position",)
+    siblings = ("encoder_ripple", "saturation", "hardening_spring")
+    fixed_amount = True
+    law = staticmethod(_law)
+
+    def check_value(self, parameter: Parameter, value: Any) -> Any:
+        if parameter.name != "kind":
+            return super().check_value(parameter, value)
+        self.require(value in KINDS, f"kind = {value!r}; take one of {', '.join(KINDS)}")
+        return value
+
+    def check(self, spec):  # type: ignore[no-untyped-def]
+        values = super().check(spec)
+        self.require(
+            values["kind"] != "clipping" or values["level"] > 0,
+            "clipping needs a level above 0 in parameters",
+        )
+        return values
+
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        return [float(KINDS.index(values["kind"])), values["level"]]
+
+    def grid(self, motion: Motion) -> list[dict[str, Any]]:
+        levels = np.unique(np.quantile(np.abs(motion.x), [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]))
+        clipping = [{"kind": "clipping", "level": float(v)} for v in levels if v > 0]
+        return [*clipping, {"kind": "rectified", "level": 0.0}]
+
+    def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
+        level = nonlinear["level"]
+        clipped = np.clip(motion.x, -level, level)
+        seen = np.abs(motion.x) if nonlinear["kind"] == "rectified" else clipped
+        return np.column_stack([seen - motion.x])
+
+    def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
+        return dict(nonlinear)
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        if values["kind"] == "rectified":
+            return "The sensor is blind to the sign: it reads the magnitude."
+        return f"The sensor clips at {self.quantity(values, 'level', plant)}."

@@ -1,0 +1,82 @@
+"""Two solvers that force laws share: one for smooth forces, one for dry friction."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from ffl.effects.law import GV, GV_SLOPE, GX, GX_SLOPE, MEAN, SLOPE, V0, V1, X1
+
+
+@njit(error_model="numpy")
+def end_motion(io, start_force):  # type: ignore[no-untyped-def]
+    """(xa, gx, va, gv): the end of the step is xa + gx F1, va + gv F1 for a force that runs
+    straight from `start_force` to F1."""
+    xa = io[X1] + 0.5 * (io[GX] - io[GX_SLOPE]) * start_force
+    va = io[V1] + 0.5 * (io[GV] - io[GV_SLOPE]) * start_force
+    return xa, 0.5 * (io[GX] + io[GX_SLOPE]), va, 0.5 * (io[GV] + io[GV_SLOPE])
+
+
+@njit(error_model="numpy")
+def set_line(io, start_force, end_force):  # type: ignore[no-untyped-def]
+    """The straight line from one force to the other."""
+    io[MEAN] = 0.5 * (start_force + end_force)
+    io[SLOPE] = 0.5 * (end_force - start_force)
+
+
+@njit(error_model="numpy")
+def set_curve(io, start, middle, end):  # type: ignore[no-untyped-def]
+    """The line with mean and first moment of the parabola through three values (Simpson)."""
+    io[MEAN] = (start + 4.0 * middle + end) / 6.0
+    io[SLOPE] = 0.5 * (end - start)
+
+
+@njit(error_model="numpy")
+def set_friction(io, stuck, slide_plus, slide_minus, static_plus, static_minus):  # type: ignore[no-untyped-def]
+    """Dry friction over one step: sliding, stopping, sticking, breaking away, reversing.
+
+    `slide_plus/minus` = (level at the start, level at the end) while sliding in + or - direction,
+    `static_plus/minus` the levels that must be exceeded from rest. The velocity is taken to run
+    straight between start, standstill and end, which is exact for a rigid mass:
+
+    * at rest, the force that keeps the end at rest, if it is within the static levels;
+    * sliding, -sign(v) level, as long as the end still moves the same way;
+    * else the mass stops at the fraction tau of the step, and for the rest of it either sticks (the
+      force that balances all others) or slides back.
+
+    Returns True where the end of the step is at rest.
+    """
+    v0, free, g, g_slope = io[V0], io[V1], io[GV], io[GV_SLOPE]
+    direction = 0.0
+    if not stuck:
+        direction = 1.0 if v0 > 0 else (-1.0 if v0 < 0 else 0.0)
+    else:
+        v0 = 0.0
+    if direction == 0.0:
+        if free > g * static_plus:
+            direction = 1.0
+        elif free < -g * static_minus:
+            direction = -1.0
+        else:
+            io[MEAN] = -free / g
+            io[SLOPE] = 0.0
+            return True
+    start, end = slide_plus if direction > 0 else slide_minus
+    mean, slope = -direction * 0.5 * (start + end), -direction * 0.5 * (end - start)
+    v1 = free + g * mean + g_slope * slope
+    io[MEAN], io[SLOPE] = mean, slope
+    if direction * v1 > 0 or v0 == 0.0:
+        return False
+    tau = min(max(v0 / (v0 - v1), 0.0), 1.0)
+    before = -direction * start
+    pull = (free - v0) / g  # mean of all other forces, in this friction's terms
+    held = static_plus if pull > 0 else static_minus
+    if abs(pull) <= held:
+        slope = 3.0 * tau * (1.0 - tau) * (-pull - before)
+        io[SLOPE] = slope
+        io[MEAN] = -(free + g_slope * slope) / g
+        return True
+    back, _ = slide_minus if direction > 0 else slide_plus
+    after = direction * back
+    io[MEAN] = tau * before + (1.0 - tau) * after
+    io[SLOPE] = 3.0 * tau * (1.0 - tau) * (after - before)
+    return False

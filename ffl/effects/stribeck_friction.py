@@ -1,0 +1,90 @@
+"""Stribeck friction: a higher level near standstill than in motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters
+from ffl.effects.law import COMMIT, GV, V0, V1
+from ffl.effects.solve import set_friction
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+
+@njit(error_model="numpy")
+def _level(p, speed):  # type: ignore[no-untyped-def]
+    ratio = speed / p[2]
+    return p[0] + (p[1] - p[0]) * np.exp(-ratio * ratio)
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    """p: coulomb_level, static_level, stribeck_velocity; s: at rest at the start, at the end."""
+    if io[COMMIT] != 0.0:
+        s[0] = s[1]
+        return
+    v0 = 0.0 if s[0] != 0.0 else io[V0]
+    direction = 1.0 if v0 > 0.0 or (v0 == 0.0 and io[V1] > 0.0) else -1.0
+    start = _level(p, abs(v0))
+    end = start
+    for _ in range(6):  # the level at the end depends on the velocity that it leaves there
+        v1 = io[V1] - direction * io[GV] * 0.5 * (start + end)
+        end = _level(p, max(direction * v1, 0.0))
+    static = _level(p, 0.0)
+    line, back = (start, end), (static, static)
+    rests = (
+        set_friction(io, s[0] != 0.0, line, back, static, static)
+        if direction > 0.0
+        else set_friction(io, s[0] != 0.0, back, line, static, static)
+    )
+    s[1] = 1.0 if rests else 0.0
+
+
+class StribeckFriction(Effect):
+    """F = -sign(v) (coulomb + (static - coulomb) exp(-(v/v_s)^2)), sticking up to static_level.
+
+    A static level below the Coulomb level is refused: nothing then falls with speed.
+    """
+
+    name = "stribeck_friction"
+    parameters = (
+        Parameter("coulomb_level", "F"),
+        Parameter("static_level", "F"),
+        Parameter("stribeck_velocity", "x/s", lower=1e-12, linear=False),
+    )
+    depends_on = ("velocity", "direction")
+    siblings = ("coulomb_friction", "presliding_friction", "viscous_friction")
+    law = staticmethod(_law)
+
+    def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
+        return [0.0, 0.0]
+
+    def check(self, spec):  # type: ignore[no-untyped-def]
+        values = super().check(spec)
+        self.require(
+            values["static_level"] >= values["coulomb_level"],
+            f"static_level = {values['static_level']:g} lies below coulomb_level = "
+            f"{values['coulomb_level']:g}; exchange them",
+        )
+        return values
+
+    def grid(self, motion: Motion) -> list[dict[str, float]]:
+        top = float(np.abs(motion.v).max(initial=0.0))
+        return [{"stribeck_velocity": float(v)} for v in top * np.geomspace(0.01, 0.5, 9)]
+
+    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        direction = motion.direction
+        near = np.exp(-((motion.v / nonlinear["stribeck_velocity"]) ** 2))
+        return np.column_stack([-direction, -direction * near])
+
+    def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
+        coulomb = max(float(coefficients[0]), 0.0)
+        static = coulomb + max(float(coefficients[1]), 0.0)
+        return {"coulomb_level": coulomb, "static_level": static, **nonlinear}
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        return (
+            f"Friction is {self.quantity(values, 'static_level', plant)} at standstill and falls to "
+            f"{self.quantity(values, 'coulomb_level', plant)} above about "
+            f"{self.quantity(values, 'stribeck_velocity', plant)} (Stribeck)."
+        )
