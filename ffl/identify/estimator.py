@@ -1,0 +1,72 @@
+"""What every estimator shares: the constructor stores, `fit` learns, learned names end in `_`."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ffl.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Estimator:
+    """Constructor arguments as parameters, so that `sklearn.base.clone` and grid searches work."""
+
+    @classmethod
+    def _names(cls) -> list[str]:
+        return [name for name in inspect.signature(cls.__init__).parameters if name != "self"]
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Constructor arguments by name."""
+        return {name: getattr(self, name) for name in self._names()}
+
+    def set_params(self, **params: Any) -> Self:
+        """Replaces constructor arguments; nothing is learned until `fit`."""
+        for name, value in params.items():
+            if name not in self._names():
+                raise InputError(
+                    f"{type(self).__name__} has no parameter {name!r}; it has {self._names()}"
+                )
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        inner = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
+        return f"{type(self).__name__}({inner})"
+
+    def _learned(self, name: str) -> Any:
+        if not hasattr(self, name):
+            raise InputError(f"{type(self).__name__} has learned nothing yet; call fit first")
+        return getattr(self, name)
+
+
+def signals(data: Any, target: ArrayLike | None) -> tuple[Array, Array, float]:
+    """Output, target and sample time of a recording (y and u) or of two arrays."""
+    if target is None:
+        if not (hasattr(data, "y") and hasattr(data, "u")):
+            raise InputError("fit: give a recording with u and y, or two arrays (output, target)")
+        output, target, sample_time = data.y, data.u, float(data.sample_time)
+    else:
+        output, sample_time = data, 1.0
+    return checked(output, "output"), checked(target, "target"), sample_time
+
+
+def checked(values: ArrayLike, name: str) -> Array:
+    """`values` as a finite one-dimensional signal."""
+    try:
+        signal = np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not a numeric array: {error}") from error
+    if signal.ndim != 1:
+        raise InputError(f"{name} has shape {signal.shape}; give one column, shape (N,)")
+    bad = np.flatnonzero(~np.isfinite(signal))
+    if bad.size:
+        raise InputError(
+            f"{name}: {bad.size} samples are NaN or infinite, the first at index {bad[0]}; "
+            "repair or cut the recording"
+        )
+    return signal

@@ -1,0 +1,243 @@
+"""Regularised least squares (6) in factored form, its posterior, and the marginal likelihood.
+
+With D = B B^T the estimate is theta = B c, c from one QR of [Phi B; sigma I]: the cost is that of
+p columns, not of the n x n system (7), and nothing is squared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from numpy.typing import NDArray
+
+from ffl.errors import InputError
+from ffl.identify.inverse import IdentifiedInverse
+from ffl.identify.kernels import Factor, Kernel
+from ffl.identify.regression import Regression, Rows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Minimum of (6) for one kernel factor and noise variance, and what follows from the same QR.
+
+    Columns with a flat prior carry no penalty; the evidence is then the restricted one.
+    """
+
+    rows: Rows
+    factor: Factor
+    noise_variance: float
+    regressors: Array
+    triangle: Array
+    coefficients: Array
+    misfit: float
+
+    @property
+    def theta(self) -> Array:
+        return self.factor.columns @ self.coefficients
+
+    def inverse(self, regression: Regression, sample_time: float = 1.0) -> IdentifiedInverse:
+        """The estimate with its posterior."""
+        return IdentifiedInverse(
+            self.theta,
+            regression.n_ac,
+            regression.n_c,
+            sample_time,
+            self.noise_variance,
+            self.triangle,
+            self.factor.columns,
+        )
+
+    @cached_property
+    def _leverage(self) -> Array:
+        """Q1 of the QR: its squared norm is the effective number of parameters."""
+        return scipy.linalg.solve_triangular(self.triangle, self.regressors.T, trans="T").T
+
+    @property
+    def effective_parameters(self) -> float:
+        """Trace of the smoother matrix Phi B (...)^-1 B^T Phi^T."""
+        return float(np.sum(self._leverage**2))
+
+    @cached_property
+    def residual(self) -> Array:
+        return self.rows.target - self.regressors @ self.coefficients
+
+    @property
+    def negative_log_evidence(self) -> float:
+        """-log p(target | hyperparameters): (M - p) log s2 + 2 sum log r_ii + misfit/s2, halved."""
+        m, p = self.rows.n_rows, len(self.triangle)
+        n_flat = int(np.sum(self.factor.flat))
+        log_det = 2.0 * np.sum(np.log(np.abs(np.diag(self.triangle))))
+        return 0.5 * (
+            (m - n_flat) * np.log(2.0 * np.pi)
+            + (m - p) * np.log(self.noise_variance)
+            + log_det
+            + self.misfit / self.noise_variance
+        )
+
+    @property
+    def noise_slope(self) -> float:
+        """d(negative log evidence)/d log noise_variance."""
+        squares = float(self.residual @ self.residual) + self.rows.rest
+        free = self.rows.n_rows - self.effective_parameters
+        return 0.5 * (free - squares / self.noise_variance)
+
+    def kernel_slope(self) -> EvidenceSlope:
+        return EvidenceSlope(self)
+
+
+@dataclass(frozen=True)
+class EvidenceSlope:
+    """d(negative log evidence)/dD = (Phi^T V Phi - g g^T)/2, V the inverse covariance of the data."""
+
+    solution: Solution
+
+    @cached_property
+    def _score(self) -> Array:
+        s = self.solution
+        return s.rows.transpose(s.residual) / s.noise_variance
+
+    def _half(self, image: Array, score_image: Array) -> Array:
+        s = self.solution
+        q = s._leverage
+        whitened = (image - q @ (q.T @ image)) / s.noise_variance
+        return 0.5 * (s.rows.transpose(whitened) - np.outer(self._score, score_image))
+
+    @cached_property
+    def _own(self) -> Array:
+        s = self.solution
+        return self._half(s.regressors, self._score @ s.factor.columns)
+
+    @cached_property
+    def _dense(self) -> Array:
+        return self._half(self.solution.rows.apply(np.eye(len(self._score))), self._score)
+
+    def own(self) -> Array:
+        return self._own
+
+    def dense(self) -> Array:
+        return self._dense
+
+
+def regularised(rows: Rows, factor: Factor, noise_variance: float) -> Solution:
+    """Minimum of (6), by QR of [Phi B; sigma I]; O(N log N p + N p^2).
+
+    Raises `InputError` for a noise variance that is not positive and where flat directions are not
+    excited.
+    """
+    if not (np.isfinite(noise_variance) and noise_variance > 0):
+        raise InputError(
+            f"noise_variance = {noise_variance} must be positive; noise-free data wants least squares"
+        )
+    regressors = rows.apply(factor.columns)
+    p = factor.columns.shape[1]
+    m = len(rows.target)
+    stacked = np.zeros((m + p, p + 1))
+    stacked[:m, :p], stacked[:m, p] = regressors, rows.target
+    penalised = np.flatnonzero(~factor.flat)
+    stacked[m + penalised, penalised] = np.sqrt(noise_variance)
+    r = np.linalg.qr(stacked, mode="r")
+    triangle = r[:p, :p]
+    diagonal = np.abs(np.diag(triangle))
+    if p and diagonal.min() <= 1e-13 * diagonal.max() and factor.flat.any():
+        raise InputError(
+            "the output does not excite every unregularised tap; give these taps a kernel too"
+        )
+    coefficients = scipy.linalg.solve_triangular(triangle, r[:p, p])
+    corner = r[p, p] if len(r) > p else 0.0
+    return Solution(
+        rows, factor, noise_variance, regressors, triangle, coefficients, float(corner**2) + rows.rest
+    )
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A maximum of the marginal likelihood. `status` is "converged" or the optimiser's message."""
+
+    kernel: Kernel
+    solution: Solution
+    log_evidence: float
+    status: str
+    n_evaluations: int
+
+
+def reduced(regression: Regression, kernel: Kernel) -> Rows:
+    """The data in the form that makes one evaluation cheapest: as it is, or as a triangle.
+
+    A full-rank kernel works on n x n matrices anyway, so N rows should be paid for once only; the
+    few columns of an OBF kernel are cheaper through the FFT than through the triangle.
+    """
+    p = kernel.factor(regression.lags).columns.shape[1]
+    return regression.triangle if p > 0.1 * regression.n_taps else regression
+
+
+def maximise_evidence(
+    rows: Rows,
+    lags: Array,
+    kernel: Kernel,
+    noise_variance: float,
+    learn_noise: bool = True,
+    max_evaluations: int = 400,
+) -> Evidence:
+    """Hyperparameters (and noise variance) by marginal likelihood: L-BFGS with exact gradients.
+
+    Hyperpriors that the kernel states (`spread`) are added; `log_evidence` is without them.
+    The kernel's bounds keep the line search where the covariance is numerically sound.
+    """
+    learned = kernel.coordinates
+    start = np.concatenate([learned, [np.log(noise_variance)] if learn_noise else []])
+    precision = 1.0 / np.append(kernel.spread, [np.inf] if learn_noise else []) ** 2
+    floor = _noise_floor(rows)
+
+    def solve(x: Array) -> tuple[Kernel, Solution]:
+        moved = kernel.at(x[: len(learned)])
+        variance = float(np.exp(x[-1])) if learn_noise else noise_variance
+        return moved, regularised(rows, moved.factor(lags), variance)
+
+    def objective(x: Array) -> tuple[float, Array]:
+        moved, solution = solve(x)
+        gradient = moved.gradient(lags, solution.kernel_slope())
+        if learn_noise:
+            gradient = np.append(gradient, solution.noise_slope)
+        away = x - start
+        prior = 0.5 * float(precision @ away**2)
+        return solution.negative_log_evidence + prior, gradient + precision * away
+
+    if not len(start):
+        moved, solution = solve(start)
+        return Evidence(moved, solution, -solution.negative_log_evidence, "converged", 1)
+    bounds = list(kernel.bounds)
+    if learn_noise:
+        bounds.append((np.log(floor), np.log(noise_variance) + 20.0))
+    found = scipy.optimize.minimize(
+        objective,
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxfun": max_evaluations, "maxiter": max_evaluations, "ftol": 1e-10, "gtol": 1e-4},
+    )
+    moved, solution = solve(found.x)
+    if learn_noise and solution.noise_variance <= 2.0 * floor:
+        raise InputError(
+            "the recording holds no noise that the model does not explain, so its variance cannot be "
+            "learned; use least squares, or state noise_variance"
+        )
+    return Evidence(
+        moved,
+        solution,
+        -solution.negative_log_evidence,
+        "converged" if found.success else str(found.message),
+        int(found.nfev),
+    )
+
+
+def _noise_floor(rows: Rows) -> float:
+    """Variance of what rounding alone leaves of the target."""
+    power = (float(rows.target @ rows.target) + rows.rest) / rows.n_rows
+    return max(power * 1e-24, 1e-300)
