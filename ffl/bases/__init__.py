@@ -10,6 +10,7 @@ from ffl.bases.base import Basis, SumBasis
 from ffl.bases.derivatives import Derivatives, derivative
 from ffl.bases.fir import FIR
 from ffl.bases.free import FreeSignal
+from ffl.bases.friction import Friction
 from ffl.bases.obf import OBF
 from ffl.errors import InputError
 from ffl.systems.plant_file import suggest
@@ -18,6 +19,7 @@ BASES: dict[str, Callable[..., Basis]] = {
     "derivatives": Derivatives,
     "fir": FIR,
     "free": FreeSignal,
+    "friction": Friction,
     "obf": OBF,
 }
 
@@ -77,6 +79,7 @@ __all__ = [
     "Basis",
     "Derivatives",
     "FreeSignal",
+    "Friction",
     "SumBasis",
     "derivative",
     "make_basis",
