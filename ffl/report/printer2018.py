@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.campaign.printer2018 import INSIDE, OUTSIDE, T, Example, Printer2018
+from ffl.campaign.printer2018 import INSIDE, OUTSIDE, Example, Printer2018, T
 from ffl.report.page import COLOURS, LINES, Page, drawing, subplots
 
 
