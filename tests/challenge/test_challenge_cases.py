@@ -1,0 +1,198 @@
+"""Cases: every effect can be made, is visible, is what its truth says; the rest is refused."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from ffl.challenge import make_case, null_recordings
+from ffl.challenge.body import FAMILIES
+from ffl.challenge.build import Build
+from ffl.challenge.case import DETECTABLE, UNDETECTABLE
+from ffl.challenge.draw import draw_setup, measure
+from ffl.challenge.faults import FAULTS
+from ffl.challenge.outside import OUTSIDE
+from ffl.challenge.physics import EFFECTS
+from ffl.challenge.stage import Part, assemble
+from ffl.errors import InputError
+from ffl.systems import load_plant
+
+
+def read(path):
+    return np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+@pytest.mark.parametrize("effect", [*EFFECTS, *OUTSIDE])
+def test_every_effect_makes_a_visible_case(effect, tmp_path):
+    machine = "stiffness" if effect == "sensor_nonlinearity" else "rigid"
+    truth = make_case(11, effect, machine, out_dir=tmp_path, name="a")
+    entry = truth["effects"][0]
+    assert entry["name"] == effect
+    assert entry["energy_beyond_nominal"] >= DETECTABLE
+    files = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert "plant.toml" in files
+    assert "fit_1.csv" in files
+    assert "validate_1.csv" in files
+    rows = read(tmp_path / "a" / "fit_1.csv")
+    assert rows.shape[1] == 5
+    assert np.all(np.isfinite(rows))
+    expected = ["unnamed", "partly_explained"] if effect in OUTSIDE else ["explained"]
+    assert truth["verdicts"][: len(expected)] == expected
+
+
+@pytest.mark.parametrize("machine", FAMILIES)
+def test_the_plant_file_is_read_and_the_columns_agree_with_its_controller(machine, tmp_path):
+    truth = make_case(3, None, machine, out_dir=tmp_path, name="a", doubt="exact")
+    plant = load_plant(tmp_path / "a" / "plant.toml")
+    t, r, f, u, y = read(tmp_path / "a" / "fit_1.csv").T
+    assert np.allclose(np.diff(t), plant.sample_time, rtol=1e-3)
+    assert truth["verdicts"] == ["nothing_missing"]
+    if plant.controller is None:
+        np.testing.assert_allclose(u, f, rtol=1e-9)
+        return
+    # From rest the controller's state is zero before the pre-roll, so compare after it decayed.
+    free = u - f - plant.controller.reference.filter(r) + plant.controller.output.filter(y)
+    if machine not in ("printer", "kernel2018") and abs(free[-1]) < 1e-6 * np.abs(u).max():
+        assert np.abs(free[len(free) // 2 :]).max() < 1e-6 * np.abs(u).max()
+
+
+def test_a_case_is_a_function_of_its_seed(tmp_path):
+    one = make_case(5, "cogging", "rigid", "noise", out_dir=tmp_path, name="a")
+    two = make_case(5, "cogging", "rigid", "noise", out_dir=tmp_path, name="b")
+    other = make_case(6, "cogging", "rigid", "noise", out_dir=tmp_path, name="c")
+    assert one["effects"] == two["effects"] != other["effects"]
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_concealments_are_what_they_say(tmp_path):
+    noisy = make_case(8, "coulomb_friction", "rigid", "noise", out_dir=tmp_path, name="a")
+    assert 0.8 < noisy["effects"][0]["power_ratio"] < 1.25
+    hidden = make_case(8, "drift", "two_mass_motor", "feedback", out_dir=tmp_path, name="b")
+    assert hidden["effects"][0]["trace_share"] <= 0.05
+    weak = make_case(8, "cogging", "rigid", "weak", out_dir=tmp_path, name="c")
+    assert weak["effects"][0]["energy"] <= UNDETECTABLE
+    assert weak["verdicts"] == ["nothing_missing", "inconclusive"]
+    masked = make_case(8, "cogging", "rigid", "masked", out_dir=tmp_path, name="d")
+    assert [e["name"] for e in masked["effects"]] == ["cogging", "mass_change"]
+    change = masked["effects"][1]["parameters"]["change"]
+    assert 0.05 <= abs(change) <= 0.1
+
+
+@pytest.mark.slow
+def test_an_oracle_cannot_tell_lag_from_delay_in_noise_but_friction_from_viscous(tmp_path):
+    lag = make_case(102, "actuator_lag", "rigid", "noise", out_dir=tmp_path, oracle=True)
+    assert lag["effects"][0]["rivals"]["input_delay"] < 25
+    dry = make_case(102, "coulomb_friction", "rigid", out_dir=tmp_path, oracle=True)
+    assert dry["effects"][0]["rivals"]["viscous_friction"] > 1e3
+
+
+def on_stage(effect, at="motor", seed=3, machine="rigid", size=1.0):
+    setup = draw_setup(machine, "exact", np.random.default_rng(seed))
+    scales = measure(setup)
+    build, parameters = assemble(setup, [Part(effect, at, seed, size)], scales)
+    return setup, build, parameters[0]
+
+
+def test_a_beam_gives_the_stated_resonance_and_takes_no_mass_away():
+    setup, build, p = on_stage("flexible_mode")
+    total = np.ones(len(build.motor)) @ build.mass @ np.ones(len(build.motor))
+    assert total == pytest.approx(setup.true.moving_mass)
+    squares = scipy.linalg.eigh(build.stiffness, build.mass, eigvals_only=True)
+    assert squares[0] == pytest.approx(0.0, abs=1e-6 * squares[1])
+    assert np.sqrt(squares[1]) / (2 * np.pi) == pytest.approx(p["frequency"], rel=1e-3)
+    # An antiresonance at the beam's clamped frequency: the share of the first mode follows.
+    two_modes = p["mass_fraction"] * (1 + 0.188 / 0.613)
+    assert build.mass[0, 0] == pytest.approx(total * (1 - two_modes))
+
+
+def test_backlash_leaves_the_load_where_it_is_until_the_gap_closes():
+    setup, build, p = on_stage("backlash", at="transmission")
+    n = len(build.motor)
+    assert n == 2
+    assert build.mass[0, 0] + build.mass[1, 1] == pytest.approx(setup.true.moving_mass)
+    build.gauge = np.array([0.0, 1.0])
+    force = np.full(400, 0.2)
+    load, _, x, _ = build.run(None, np.zeros(400), force, 1e-3, 40)
+    assert np.all(load[x < 0.5 * p["gap"]] == 0)
+    assert load[-1] > 0
+
+
+def test_presliding_levels_off_at_its_level_with_its_stiffness():
+    _, build, p = on_stage("presliding_friction")
+    row = build.elements[0]
+    springs, yields = row[3:19:2], row[4:19:2]
+    assert np.sum(springs * yields) == pytest.approx(p["level"])
+    # The first chord lies 7 % below the tangent at the origin (node at 0.15 of the reach).
+    assert 0.9 < springs.sum() / p["stiffness"] < 1.0
+
+
+@pytest.mark.parametrize("effect", ["mass_change", "viscous_friction", "input_delay"])
+def test_what_is_an_effect_lies_beyond_the_line_for_corrections(effect):
+    setup, build, p = on_stage(effect, size=0.01)
+    if effect == "mass_change":
+        assert abs(p["change"]) > 0.02
+        assert build.mass[0, 0] == pytest.approx(setup.true.mass[0, 0] * (1 + p["change"]))
+    elif effect == "input_delay":
+        assert p["delay"] > 0.1 * setup.sample_time
+    else:
+        scales = measure(setup)
+        assert p["coefficient"] * scales.speed_rms > 0.02 * scales.force_rms
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_spoil_the_recording(fault, tmp_path):
+    clean = make_case(21, None, "rigid", out_dir=tmp_path, name="a")
+    truth = make_case(21, None, "rigid", out_dir=tmp_path, name="b", fault=fault)
+    assert clean["fault"] is None
+    assert truth["fault"]["name"] == fault
+    assert truth["verdicts"] == ["inconclusive", "refused"]
+    rows = read(tmp_path / "b" / "fit_1.csv")
+    if fault == "gaps":
+        assert np.diff(rows[:, 0]).max() > 10 * np.diff(rows[:, 0]).min()
+    if fault == "frozen_sensor":
+        assert (np.diff(rows[:, 4]) == 0).sum() > 0.05 * len(rows)
+
+
+def test_null_recordings_differ_and_stay_on_the_reference():
+    cases = list(null_recordings(6, 1))
+    assert [c.machine for c in cases] == list(FAMILIES)
+    for case in cases:
+        assert case.plant.startswith("name = ")
+        for t, r, _, _, y in (a.T for a in case.fit + case.validate):
+            assert np.all(np.diff(t) > 0)
+            if case.machine != "stiffness":
+                assert np.abs(r - y).max() < 0.5 * np.ptp(r)
+    again = next(null_recordings(1, 1))
+    np.testing.assert_array_equal(again.fit[0], cases[0].fit[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"effect": "gremlins"}, "effect 'gremlins' is unknown"),
+        ({"machine": "spaceship"}, "machine 'spaceship' is unknown"),
+        ({"effect": "sensor_nonlinearity"}, "does not go with machine 'rigid'"),
+        ({"concealment": "fog"}, "concealment 'fog' is unknown"),
+        ({"machine": "stiffness", "concealment": "feedback"}, "no feedback to hide behind"),
+        ({"fault": "fire"}, "fault 'fire' is unknown"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        make_case(1, out_dir=tmp_path, **arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_truth_is_written_where_asked_and_only_there(tmp_path):
+    make_case(2, "drift", "rigid", out_dir=tmp_path / "c", truth_dir=tmp_path / "t", name="x")
+    truth = json.loads((tmp_path / "t" / "x.json").read_text())
+    assert truth["effects"][0]["name"] == "drift"
+    text = (tmp_path / "c" / "x" / "plant.toml").read_text()
+    assert "drift" not in text
+
+
+def test_a_build_without_effects_has_no_elements():
+    setup = draw_setup("rigid", "exact", np.random.default_rng(1))
+    assert Build.of(setup.true).elements == []
