@@ -109,15 +109,10 @@ def _rounding(t: Array, interval: float) -> float:
 
 
 def _plain(value: float, uncertainty: float) -> float:
-    """The number with the fewest digits (at most 12) within `uncertainty` of `value`.
-
-    A value that is a short decimal stored in single precision is that decimal.
-    """
-    single = abs(float(np.float32(value)) - value) <= 1e-10 * value
+    """The number with the fewest digits (at most 12) within `uncertainty` of `value`."""
     for digits in range(1, 12):
         short = float(f"{value:.{digits}g}")
-        stored = single and digits <= 6 and np.float32(short) == np.float32(value)
-        if stored or abs(short - value) <= max(uncertainty, 1e-12 * value):
+        if abs(short - value) <= max(uncertainty, 1e-12 * value):
             return short
     return float(f"{value:.12g}")
 
