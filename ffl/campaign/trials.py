@@ -10,6 +10,7 @@ from numpy.random import SeedSequence
 
 from ffl.bases import FreeSignal
 from ffl.campaign.config import Campaign
+from ffl.errors import WorkError
 from ffl.learn import Trial, learn, trial_rng
 from ffl.recordings import Recording
 
@@ -46,15 +47,16 @@ def run_trials(
     if (stopped := _stopped(last)) is not None:
         yield stopped
         return
-    for trial in learn(task, campaign.trials, seed, after):
-        if not np.isfinite(trial.error_norm):
-            yield Stopped("diverged", f"trial {trial.number}: the error is not finite any more")
-            return
-        yield trial
-        last = trial
-        if (stopped := _stopped(trial)) is not None:
-            yield stopped
-            return
+    try:
+        for trial in learn(task, campaign.trials, seed, after):
+            yield trial
+            last = trial
+            if (stopped := _stopped(trial)) is not None:
+                yield stopped
+                return
+    except WorkError as error:  # the simulated machine diverged
+        yield Stopped("diverged", str(error))
+        return
     second = campaign.second_reference
     if last is None or second is None or carried_over or isinstance(run.basis, FreeSignal):
         return

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, SymmetricalLogLocator
 
 from ffl.report.page import COLOURS, LINES, MARKERS
 from ffl.systems.state_space import Array
@@ -110,7 +110,8 @@ def parameters(ax: Axes, theta: Array, title: str) -> Axes:
     trials = np.arange(1, len(theta) + 1)
     for k, column in enumerate(relative.T):
         ax.plot(trials, column, color=COLOURS[k % 6], linestyle=LINES[(k // 6) % 6], linewidth=1.1)
-    ax.set_ylim(-2.2, 2.2)
+    ax.set_yscale("symlog", linthresh=2.0)
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=2.0))
     ax.set_title(title)
     ax.set_xlabel("trial")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))

@@ -218,17 +218,16 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
         figure, axes = subplots(8.6, 2.9, 1, 2)
         for ax, n in zip(axes, (short, long), strict=True):
             draw.impulse(ax, np.arange(n) * t, response[:n], unit)
-        final = np.sign(response[-1])
-        reverse = np.flatnonzero(response * final < -1e-9 * np.abs(response).max())
-        wrong = len(reverse) > 0
+        right_way = np.flatnonzero(response * np.sign(response[-1]) > 0)
+        first = np.flatnonzero(response)[0]
         page.figure(
             figure,
             "Impulse response of the model",
             (
-                f"The output first moves against its final direction, for {reverse[-1] * t * 1e3:g} "
-                "ms: the zeros outside the unit circle at work, and the reason why a good "
-                "feedforward starts before the motion does. "
-                if wrong
+                "The output first moves against its final direction, for "
+                f"{(right_way[0] - first) * t * 1e3:g} ms: the zeros outside the unit circle at "
+                "work, and the reason why a good feedforward starts before the motion does. "
+                if right_way[0] > first
                 else "The output moves in its final direction from the start. "
             )
             + f"Left: the beginning. Counterpart of Figure 3 of {PAPER}.",

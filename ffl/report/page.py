@@ -42,7 +42,10 @@ STYLE: dict[str, Any] = {
     "lines.linewidth": 1.5,
     "legend.frameon": False,
     "legend.fontsize": 9.0,
+    "legend.handlelength": 2.8,
     "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-2, 4),
+    "axes.formatter.use_mathtext": True,
     "svg.fonttype": "path",
     "svg.hashsalt": "ffl",
 }

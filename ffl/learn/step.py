@@ -1,0 +1,177 @@
+"""One learning step on a real machine's recording, which may begin with the machine in motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffl.bases import Basis
+from ffl.errors import InputError
+from ffl.learn.constraints import Constraints
+from ffl.learn.coordinates import orthonormal
+from ffl.learn.norm_optimal import NormOptimal, UpdateReport
+from ffl.learn.weights import Weights, apply_weight, is_zero
+from ffl.recordings import Recording
+from ffl.systems import Plant, StateSpace
+from ffl.systems.state_space import Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step learned from a recording of N samples.
+
+    theta: next parameters (n,); feedforward: next f (N,), input units; previous: the parameters
+    that the recording was made with. error: r - y as recorded; start: what of it decays from the
+    unknown state of the first sample; predicted: r - y expected with the next feedforward, from
+    rest. std_error: of theta, from the residual with its autocorrelation. servo: what the
+    controller itself does for the reference, ((C_r - C_y) r) in the basis, so that theta + servo
+    is the force on the plant (zero where the controller acts on r - y).
+    """
+
+    names: tuple[str, ...]
+    theta: Array
+    previous: Array
+    feedforward: Array
+    error: Array
+    start: Array
+    predicted: Array
+    std_error: Array
+    servo: Array
+    report: UpdateReport
+    sample_time: float
+    notes: tuple[str, ...] = field(default=())
+
+
+def learn_from_recording(
+    model: Plant,
+    basis: Basis,
+    recording: Recording,
+    weights: Weights,
+    constraints: Constraints | None = None,
+    previous: ArrayLike | None = None,
+    path: str = "auto",
+) -> Step:
+    """theta minimising criterion (3) for the next trial of the recorded reference.
+
+    The error is written e = e_0 - SP (Phi theta_j + d) - O x_0: `previous` is theta_j (None: zero),
+    d whatever else the recorded f holds (a known injection), O x_0 the response to the state x_0 in
+    which the closed loop was when the recording began. x_0 is estimated together with theta by QR
+    and its part taken out, so a recording cut out of a running motion teaches without bias.
+    Raises `InputError` where the recording and the model do not fit. Cost O(N (n + n_x)^2).
+    """
+    _check(model, recording)
+    t = model.sample_time
+    updater = NormOptimal(model, basis, recording.r, weights, constraints, path)
+    phi, response = updater.regressors, updater.response
+    theta = np.zeros(basis.n_parameters) if previous is None else np.asarray(previous, float)
+    if theta.shape != (basis.n_parameters,):
+        raise InputError(
+            f"state: theta has {theta.size} values, the basis {basis.n_parameters} parameters; give "
+            "the state of the same basis"
+        )
+    sp = updater.loop.process_sensitivity
+    injection = recording.f - phi @ theta
+    notes = []
+    if np.linalg.norm(injection) > 1e-6 * max(float(np.linalg.norm(recording.f)), 1e-300):
+        notes.append(
+            "the recorded f holds more than the basis with the last parameters: the rest is taken "
+            "as a known injection of that trial, which the next one does not repeat"
+        )
+    error = recording.r - recording.y
+    # What the nominal loop alone would leave for this reference belongs to e_0: it stays in.
+    target = error + sp.filter(recording.f)
+    free = _free_response(sp, len(error))
+    start, joint = _joint(response, free, phi, target, weights)
+    update = updater.update(theta, target - start - response @ theta, recording.u)
+    predicted = target - start - response @ update.theta
+    servo = orthonormal(joint)
+    command = apply_weight(weights.error, sp.filter(_servo(model, recording.r)))
+    notes += list(recording.notes)
+    return Step(
+        tuple(basis.names),
+        update.theta,
+        theta,
+        update.feedforward,
+        error,
+        start,
+        predicted,
+        _standard_errors(joint, target, weights, len(theta)),
+        servo.theta(servo.coordinates(command)),
+        update.report,
+        t,
+        tuple(notes),
+    )
+
+
+def _check(model: Plant, recording: Recording) -> None:
+    if abs(recording.sample_time / model.sample_time - 1.0) > 1e-3:
+        raise InputError(
+            f"{recording.source}: sample time {recording.sample_time:g} s, model '{model.name}' has "
+            f"{model.sample_time:g} s; resample one of them"
+        )
+    if "r" in recording.missing or not np.any(np.diff(recording.r)):
+        raise InputError(
+            f"{recording.source}: the reference r is missing or constant; a step learns from a motion"
+        )
+    for name in ("r", "f", "y"):
+        values = getattr(recording, name)
+        if not np.all(np.isfinite(values)):
+            at = int(np.argmin(np.isfinite(values)))
+            raise InputError(f"{recording.source}: column {name}, row {at + 1} is not a number")
+
+
+def _free_response(system: StateSpace, n: int) -> Array:
+    """O = [C; C A; C A^2; ...] until it has decayed to rounding; zero after that."""
+    radius = float(np.abs(system.poles).max(initial=0.0))
+    decay = n if radius >= 1.0 else int(np.ceil(np.log(1e-16) / np.log(max(radius, 1e-3))))
+    rows = np.zeros((n, system.order))
+    row = system.c[0].copy()
+    for k in range(min(n, decay)):
+        rows[k] = row
+        row = row @ system.a
+    return rows
+
+
+def _joint(
+    response: Array, free: Array, phi: Array, target: Array, weights: Weights
+) -> tuple[Array, Array]:
+    """The start's part of the error (N,), and the weighted columns of theta with the start's taken
+    out, which carry the information on theta."""
+    columns = apply_weight(weights.error, response)
+    b = apply_weight(weights.error, target)
+    basis = orthonormal(apply_weight(weights.error, free))
+    clean = columns - basis.q @ (basis.q.T @ columns)
+    rows, right = [clean], [b - basis.q @ (basis.q.T @ b)]
+    if not is_zero(weights.feedforward):
+        rows.append(apply_weight(weights.feedforward, phi))
+        right.append(np.zeros(len(phi)))
+    joint = orthonormal(np.vstack(rows))
+    theta = joint.theta(joint.coordinates(np.concatenate(right)))
+    state = basis.theta(basis.coordinates(b - columns @ theta))
+    return free @ state, clean
+
+
+def _standard_errors(columns: Array, target: Array, weights: Weights, n: int) -> Array:
+    """Newey and West's: the residual is coloured, so its scores' autocovariance enters (Bartlett
+    window of 2 N^(1/3) lags)."""
+    coordinates = orthonormal(columns)
+    b = apply_weight(weights.error, target)
+    residual = b - coordinates.q @ (coordinates.q.T @ b)
+    scores = coordinates.q * residual[:, None]
+    lags = int(2 * len(b) ** (1 / 3))
+    total = scores.T @ scores
+    for lag in range(1, lags + 1):
+        part = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (lags + 1.0)) * (part + part.T)
+    covariance = coordinates.back @ total @ coordinates.back.T
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))[:n]
+
+
+def _servo(model: Plant, reference: Array) -> Array:
+    """(C_r - C_y) r: the command that the controller gives while y = r."""
+    if model.controller is None or model.controller.one_degree:
+        return np.zeros(len(reference))
+    moved = reference - reference[0]
+    return model.controller.state_space.filter(np.column_stack([moved, moved]))

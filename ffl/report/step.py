@@ -1,0 +1,215 @@
+"""`ffl step`: one learning step on a real recording, its files and its page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffl import __version__
+from ffl.bases import FreeSignal
+from ffl.campaign.config import load_step, run_parts
+from ffl.campaign.reference import find_map, find_recording
+from ffl.campaign.store import versions
+from ffl.errors import InputError
+from ffl.learn.step import Step, learn_from_recording
+from ffl.recordings import Recording, read_recording
+from ffl.report.finished import motion_interval
+from ffl.report.learning_figures import over_time
+from ffl.report.page import Page, drawing, subplots
+from ffl.systems import Plant, load_plant
+from ffl.systems.atomic import write_text
+from ffl.systems.state_space import Array
+
+
+def step_with_report(
+    model_path: Path, basis_path: Path, trial: Path, out: Path, map: Path | None, state: Path | None
+) -> dict[str, Any]:
+    """Learns one step and writes feedforward.csv, state.json, answer.json and report.html to `out`.
+
+    Everything is read, learned and checked before the first file is written.
+    """
+    model = load_plant(model_path)
+    form = load_step(basis_path)
+    try:
+        basis, weights, constraints = run_parts(form, model.sample_time)
+        if isinstance(basis, FreeSignal):
+            raise InputError("basis kind 'free' has no parameters to learn in a step; take another")
+        unknown = sorted(set(form.documented) - set(basis.names))
+        if unknown:
+            known = ", ".join(basis.names)
+            raise InputError(
+                f"documented.{unknown[0]}: not a parameter of the basis; known: {known}"
+            )
+    except InputError as error:
+        raise InputError(f"{basis_path}: {error}") from None
+    mapping = find_map(str(map), Path()) if map is not None else None
+    recording = read_recording(find_recording(str(trial), Path()), mapping)
+    number, previous = _read_state(state, basis.names) if state is not None else (0, None)
+    step = learn_from_recording(
+        model, basis, recording, weights, constraints, previous, form.update
+    )
+    if step.report.status == "infeasible":
+        raise InputError(f"{basis_path}: constraints: {step.report.message}")
+    answer = _answer(step, form.documented, number + 1)
+    new_state = {
+        "schema": 1,
+        "trial": number + 1,
+        "model": model.name,
+        "sample_time": model.sample_time,
+        "basis": form.basis,
+        "names": list(step.names),
+        "theta": step.theta.tolist(),
+        "recording": recording.source,
+        "versions": versions(),
+    }
+    page = step_page(step, recording, model, answer)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a folder for --out")
+    write_text(out / "feedforward.csv", _csv(recording.t, recording.r, step.feedforward))
+    write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
+    page.write(out / "report.html")
+    write_text(out / "state.json", json.dumps(new_state, indent=1, allow_nan=False) + "\n")
+    return answer
+
+
+def _read_state(path: Path, names: list[str]) -> tuple[int, Array]:
+    """Number of the trial and its parameters from the state.json of the step before."""
+    try:
+        state = json.loads(path.read_text())
+        if state["schema"] != 1 or list(state["names"]) != names:
+            raise InputError(
+                f"{path}: parameters {', '.join(state['names'])} are not those of the basis "
+                f"({', '.join(names)}); give the state of the same basis"
+            )
+        theta = np.array(state["theta"], float)
+        if theta.shape != (len(names),) or not np.all(np.isfinite(theta)):
+            raise InputError(f"{path}: theta: give {len(names)} finite numbers")
+        return int(state["trial"]), theta
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a state that 'ffl step' wrote ({error!r})") from None
+
+
+def _csv(time: Array, reference: Array, feedforward: Array) -> str:
+    rows = zip(time, reference, feedforward, strict=True)
+    return "t,r,f\n" + "".join(f"{float(a)!r},{float(b)!r},{float(c)!r}\n" for a, b, c in rows)
+
+
+def _answer(step: Step, documented: dict[str, float], trial: int) -> dict[str, Any]:
+    on_plant = step.theta + step.servo
+    parameters = [
+        {"name": name, "value": float(value), "std_error": float(error), "on_plant": float(total)}
+        for name, value, error, total in zip(
+            step.names, step.theta, step.std_error, on_plant, strict=True
+        )
+    ]
+    answer: dict[str, Any] = {
+        "schema": 1,
+        "trial": trial,
+        "parameters": parameters,
+        "error_norm": float(np.linalg.norm(step.error)),
+        "predicted_error_norm": float(np.linalg.norm(step.predicted)),
+        "update": {
+            "seconds": step.report.seconds,
+            "status": step.report.status,
+            "kkt_residual": step.report.kkt_residual,
+            "rank": step.report.rank,
+        },
+        "notes": list(step.notes),
+    }
+    learned = {entry["name"]: entry["on_plant"] for entry in parameters}
+    if documented:
+        answer["documented"] = {
+            name: {
+                "documented": value,
+                "learned": learned[name],
+                "relative": learned[name] / value - 1.0,
+            }
+            for name, value in documented.items()
+        }
+    return answer
+
+
+def step_page(step: Step, recording: Recording, model: Plant, answer: dict[str, Any]) -> Page:
+    """What was learned, from what, and what to expect of the next trial."""
+    unit_y, unit_f = model.output_unit or "-", model.input_unit or "-"
+    page = Page(
+        f"Learning step {answer['trial']}: {model.name}",
+        f"From {recording.source}: {len(recording)} samples of {step.sample_time * 1e3:g} ms.",
+    )
+    n = np.sqrt(len(recording))
+    page.section("What was learned").facts(
+        [
+            (f"recorded error, RMS [{unit_y}]", answer["error_norm"] / n),
+            (f"predicted next error, RMS [{unit_y}]", answer["predicted_error_norm"] / n),
+            ("KKT residual of the update", step.report.kkt_residual),
+        ]
+    )
+    servo = bool(np.any(step.servo))
+    header = ["parameter", "feedforward θ", "standard error"]
+    header += ["θ + servo's own term: force on the plant"] if servo else []
+    page.table(
+        header,
+        [
+            [p["name"], p["value"], p["std_error"], *([p["on_plant"]] if servo else [])]
+            for p in answer["parameters"]
+        ],
+        "One norm-optimal step, from a state of the loop that is estimated with it. Standard errors "
+        "allow for the residual's autocorrelation"
+        + (
+            ". The servo treats reference and output differently, so that it does something of its "
+            "own for a reference that is followed perfectly; feedforward first cancels that, and "
+            "what stays is the force the plant needs."
+            if servo
+            else "."
+        ),
+    )
+    if "documented" in answer:
+        page.heading("Beside what is documented")
+        page.table(
+            ["parameter", "documented", "learned", "learned / documented − 1"],
+            [
+                [name, entry["documented"], entry["learned"], f"{entry['relative']:+.1%}"]
+                for name, entry in answer["documented"].items()
+            ],
+            "Documented values stand in the basis file; the learned ones come from this one trial.",
+        )
+    for note in step.notes:
+        page.note(note)
+    _figures(page, step, recording, unit_y, unit_f)
+    return page
+
+
+def _figures(page: Page, step: Step, recording: Recording, unit_y: str, unit_f: str) -> None:
+    time = recording.t
+    marks = motion_interval(recording.r, step.sample_time)
+    with drawing():
+        figure, axes = subplots(8.6, 5.8, 3, 1, sharex=True)
+        over_time(axes[0], time, [("", recording.r)], f"reference [{unit_y}]")
+        over_time(axes[1], time, [("", step.error), ("", step.predicted)], f"error [{unit_y}]")
+        axes[1].legend(axes[1].get_lines(), ["recorded", "predicted for the next trial"], ncols=2)
+        over_time(axes[2], time, [("", step.feedforward)], f"next feedforward [{unit_f}]")
+        for ax in axes[:2]:
+            ax.set_xlabel("")
+        page.section("Signals").figure(
+            figure,
+            "Reference, error and next feedforward",
+            f"The motion of the recording runs from {marks[0]:g} to {marks[1]:g} s. The predicted "
+            "error is what the model cannot explain of the recorded one: noise, and physics that "
+            "neither the model nor the basis holds.",
+        )
+        figure, ax = subplots(8.6, 3.0)
+        over_time(ax, time, [("", step.predicted)], f"predicted error [{unit_y}]")
+        page.figure(
+            figure,
+            "What this step leaves",
+            "The predicted error alone. Structure that returns with the motion marks what a further "
+            "basis function, or a diagnosis of the recording (ffl diagnose), could still take away.",
+        )
+    page.footer = f"Written by ffl {__version__}."
