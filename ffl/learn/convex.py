@@ -54,7 +54,7 @@ def _osqp(c: Array, g: Array, h: Array) -> Array | None:
     x = cvxpy.Variable(len(c))
     rows = g @ x <= h
     problem = cvxpy.Problem(cvxpy.Minimize(0.5 * cvxpy.sum_squares(x - c)), [rows])
-    settings = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polishing": True}
+    settings = {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 10000, "polishing": True}
     with warnings.catch_warnings():  # an inaccurate solution is checked below, not trusted
         warnings.simplefilter("ignore")
         try:

@@ -46,10 +46,12 @@ def orthonormal(matrix: Array) -> Coordinates:
     """Coordinates of a tall matrix M (rows, n); cost O(rows n^2)."""
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = 1.0
-    q, r, pivots = scipy.linalg.qr(matrix / scale, mode="economic", pivoting=True)
+    # Tall first without pivots (blocked, fast), then the small triangle with them.
+    tall, triangle = np.linalg.qr(matrix / scale)
+    small, r, pivots = scipy.linalg.qr(triangle, pivoting=True)
     diagonal = np.abs(np.diag(r))
     rank = int(np.sum(diagonal > RANK_TOLERANCE * diagonal.max(initial=0.0)))
     back = np.zeros((matrix.shape[1], rank))
     inverse = scipy.linalg.solve_triangular(r[:rank, :rank], np.eye(rank))
     back[pivots[:rank]] = inverse
-    return Coordinates(matrix, q[:, :rank], back / scale[:, None], scale)
+    return Coordinates(matrix, tall @ small[:, :rank], back / scale[:, None], scale)

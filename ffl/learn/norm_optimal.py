@@ -13,7 +13,7 @@ from ffl.errors import InputError
 from ffl.learn.constraints import Constraints
 from ffl.learn.coordinates import Coordinates, orthonormal
 from ffl.learn.weights import Weights, apply_weight, is_zero
-from ffl.systems import Plant, StateSpace
+from ffl.systems import Plant
 from ffl.systems.state_space import Array
 
 ROUNDS = 60
@@ -90,7 +90,7 @@ class NormOptimal:
             for name in Constraints.NAMES
             if getattr(self.constraints, name) is not None
         }
-        self.response = _filter_columns(self.loop.process_sensitivity, self.regressors)
+        self.response = self.loop.process_sensitivity.filter_columns(self.regressors)
         blocks = [apply_weight(weights.error, self.response)]
         for weight in (weights.feedforward, weights.feedforward_change):
             if not is_zero(weight):
@@ -161,7 +161,7 @@ class NormOptimal:
                         "constraints.command needs the trial's command u; it is missing"
                     )
                 to_command = self.loop.system.select([1], [1])
-                matrix = _filter_columns(to_command, self.regressors)
+                matrix = to_command.filter_columns(self.regressors)
                 rows.append(Rows(name, matrix, command - to_command.filter(feedforward), low, high))
             else:
                 eye = np.eye(self.regressors.shape[1])
@@ -233,11 +233,6 @@ class NormOptimal:
             active,
         )
         return Update(following, self.regressors @ following, report)
-
-
-def _filter_columns(system: StateSpace, columns: Array) -> Array:
-    """Each column filtered; contiguous columns first, so that the loop runs along memory."""
-    return np.column_stack([system.filter(column) for column in np.ascontiguousarray(columns.T)])
 
 
 def _bound(block: Rows, t: int, side: int) -> float:

@@ -19,9 +19,7 @@ def apply_weight(weight: Weight, signals: ArrayLike) -> Array:
     s = np.asarray(signals, float)
     if isinstance(weight, Zpk):
         ss = weight.state_space()
-        if s.ndim == 1:
-            return ss.filter(s)
-        return np.column_stack([ss.filter(column) for column in s.T])
+        return ss.filter(s) if s.ndim == 1 else ss.filter_columns(s)
     root = np.sqrt(np.asarray(weight, float))
     return root * s if root.ndim == 0 or s.ndim == 1 else root[:, None] * s
 

@@ -40,6 +40,28 @@ def _run(a, b, c, d, u, x, y):  # type: ignore[no-untyped-def]
             x[i] = following[i]
 
 
+@njit(cache=True, fastmath=True)
+def _run_columns(a, b, c, d, u, x, y):  # type: ignore[no-untyped-def]
+    """One input, one output, many signals at once: u, y (N, k), x (n, k); the inner loop is SIMD."""
+    n, columns = a.shape[0], u.shape[1]
+    following = np.empty((n, columns))
+    for t in range(u.shape[0]):
+        for k in range(columns):
+            y[t, k] = d * u[t, k]
+        for j in range(n):
+            if c[j] != 0.0:
+                for k in range(columns):
+                    y[t, k] += c[j] * x[j, k]
+        for i in range(n):
+            for k in range(columns):
+                following[i, k] = b[i] * u[t, k]
+            for j in range(n):
+                if a[i, j] != 0.0:
+                    for k in range(columns):
+                        following[i, k] += a[i, j] * x[j, k]
+        x[:] = following
+
+
 @dataclass(frozen=True, init=False)
 class StateSpace:
     """x(t+1) = A x(t) + B u(t), y(t) = C x(t) + D u(t), with `sample_time` in seconds.
@@ -123,6 +145,17 @@ class StateSpace:
         y = np.empty((u2.shape[0], self.c.shape[0]))
         _run(self.a, self.b, self.c, self.d, u2, x, y)
         return y[:, 0] if y.shape[1] == 1 else y
+
+    def filter_columns(self, columns: ArrayLike) -> Array:
+        """Each column of (N, k) filtered from rest by a one-input one-output system.
+
+        All columns advance together, which is several times faster than one after the other.
+        """
+        u = np.ascontiguousarray(columns, dtype=float)
+        y = np.empty_like(u)
+        x = np.zeros((self.order, u.shape[1]))
+        _run_columns(self.a, self.b[:, 0], self.c[0], self.d[0, 0], u, x, y)
+        return y
 
     def response(self, frequencies_hz: ArrayLike) -> ComplexArray:
         """H(exp(i 2 pi f T)); shape (F,) for one input and one output, else (F, p, m)."""
