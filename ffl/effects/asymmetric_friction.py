@@ -29,6 +29,7 @@ class AsymmetricFriction(Effect):
     depends_on = ("direction",)
     siblings = ("coulomb_friction", "constant_load", "position_dependent_friction")
     law = staticmethod(_law)
+    remembers = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.effects.base import Effect, Law, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import COMMIT, FIRST, MEAN, V0, X0
+from ffl.effects.law import FIRST, MEAN, V0, X0
 from ffl.effects.paths import play
 from ffl.effects.solve import end_motion, set_line
 from ffl.systems.plant import Plant
@@ -30,8 +30,6 @@ def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
     The plant holds the coupling as spring and damper; this force takes away what the gap takes:
     all of it within the gap, stiffness * gap/2 beyond it.
     """
-    if io[COMMIT] != 0.0:
-        return
     half = 0.5 * p[0]
     if io[FIRST] != 0.0:
         free = io[X0] > -half and io[X0] < half

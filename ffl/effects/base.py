@@ -121,7 +121,8 @@ class Effect:
     effects of the linear part); `sides` it may act on; `scan` ('position' or 'time': the first
     parameter of `grid` is a period in x or a frequency in t, better searched all at once by a
     Fourier transform over x or t than value by value); `fixed_amount` (the coefficient of its
-    regressor is 1 by nature; a fitted one far from 1 speaks against the effect).
+    regressor is 1 by nature; a fitted one far from 1 speaks against the effect); `remembers` (its
+    force law has a state, and so is called once more, with COMMIT, when the sub-step is solved).
     """
 
     name: ClassVar[str]
@@ -136,6 +137,7 @@ class Effect:
     default_side: ClassVar[str] = "sensor"
     scan: ClassVar[str] = ""
     fixed_amount: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
 
     # --- reading ---------------------------------------------------------------------------------
 

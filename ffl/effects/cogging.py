@@ -3,43 +3,48 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import COMMIT, FIRST, X0
+from ffl.effects.law import FIRST, X0
 from ffl.effects.periods import harmonics, sine_pair, wave_numbers
 from ffl.effects.solve import end_motion, set_line
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 
-def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: period, number of harmonics n, then amplitude and phase of each; s: both end forces.
+@njit(error_model="numpy")
+def _force(p, x):  # type: ignore[no-untyped-def]
+    """Force and its derivative; harmonics by turning (sin, cos) on, one sine and cosine in all.
 
-    Newton on the force at the end; the stiffness of cogging is small against the inertia over one
-    step, so three rounds leave rounding.
+    p: wave number, number of harmonics n, then amplitude times (cos, sin) of the phase of each.
     """
-    if io[COMMIT] != 0.0:
-        return
-    wave = 2.0 * np.pi / p[0]
+    sine, cosine = np.sin(p[0] * x), np.cos(p[0] * x)
+    s, c, force, slope = sine, cosine, 0.0, 0.0
+    for i in range(int(p[1])):
+        along, across = p[2 + 2 * i], p[3 + 2 * i]
+        force += along * s + across * c
+        slope += (i + 1) * p[0] * (along * c - across * s)
+        s, c = s * cosine + c * sine, c * cosine - s * sine
+    return force, slope
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    """s: force at the start and at the end of the step (iterate). Newton: the stiffness of cogging
+    is small against the inertia over one step, so the second round leaves rounding."""
     if io[FIRST] != 0.0:
-        s[0] = 0.0
-        for i in range(int(p[1])):
-            s[0] += p[2 + 2 * i] * np.sin((i + 1) * wave * io[X0] + p[3 + 2 * i])
+        s[0], _ = _force(p, io[X0])
     xa, gx, _, _ = end_motion(io, s[0])
-    force = s[1]
-    for _ in range(6):
-        wanted, slope = 0.0, 0.0
-        for i in range(int(p[1])):
-            angle = (i + 1) * wave * (xa + gx * force) + p[3 + 2 * i]
-            wanted += p[2 + 2 * i] * np.sin(angle)
-            slope += p[2 + 2 * i] * (i + 1) * wave * np.cos(angle)
-        following = force - (force - wanted) / (1.0 - gx * slope)
-        done = abs(following - force) <= 1e-12 * (abs(force) + abs(wanted))
-        force = following
-        if done:
+    end = s[1]
+    for _ in range(8):
+        wanted, slope = _force(p, xa + gx * end)
+        change = (wanted - end) / (1.0 - gx * slope)
+        end += change
+        turn = p[0] * p[1] * gx * change
+        if turn * turn < 1e-13:
             break
-    s[1] = force
-    set_line(io, s[0], force)
+    s[1] = end
+    set_line(io, s[0], end)
 
 
 class Cogging(Effect):
@@ -68,15 +73,15 @@ class Cogging(Effect):
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         pairs = harmonics(values)
         scale = 1.0 / setting.force_per_input
-        numbers = [number for a, phi in pairs for number in (a * scale, phi)]
-        return [values["period"], float(len(pairs)), *numbers]
+        parts = [scale * a * turn(phi) for a, phi in pairs for turn in (np.cos, np.sin)]
+        return [2 * np.pi / values["period"], float(len(pairs)), *parts]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
-        amplitudes = np.abs(packed[2::2]) * np.arange(1, int(packed[1]) + 1)
-        return float(2 * np.pi / packed[0] * amplitudes.sum())
+        amplitudes = np.hypot(packed[2::2], packed[3::2])
+        return float(packed[0] * amplitudes @ np.arange(1, int(packed[1]) + 1))
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"period": 1.0 / k} for k in wave_numbers(motion)]

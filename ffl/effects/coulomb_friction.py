@@ -36,6 +36,7 @@ class CoulombFriction(Effect):
         "backlash",
     )
     law = staticmethod(_law)
+    remembers = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import COMMIT, FIRST, STEP, TIME
+from ffl.effects.law import FIRST, STEP, TIME
 from ffl.effects.solve import set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -27,7 +27,7 @@ def _force(p, t):  # type: ignore[no-untyped-def]
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    if io[COMMIT] != 0.0 or io[FIRST] == 0.0:
+    if io[FIRST] == 0.0:
         return
     t, h = io[TIME], io[STEP]
     set_curve(io, _force(p, t), _force(p, t + 0.5 * h), _force(p, t + h))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
-from ffl.effects.law import COMMIT, X0
+from ffl.effects.law import X0
 from ffl.effects.solve import end_motion, set_line
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -13,8 +13,6 @@ from ffl.systems.state_space import Array
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
     """p: cubic_coefficient, centre; s: end force (iterate)."""
-    if io[COMMIT] != 0.0:
-        return
     away = io[X0] - p[1]
     start = -p[0] * away * away * away
     xa, gx, _, _ = end_motion(io, start)

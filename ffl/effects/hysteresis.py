@@ -19,7 +19,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         return
     start = -p[0] * s[0]
     xa, gx, _, _ = end_motion(io, start)
-    low, high, force = -p[0], p[0], min(max(s[1], -p[0]), p[0])
+    low, high, force = -2.0 * p[0], 2.0 * p[0], s[1]
     for _ in range(60):
         z1 = bouc_wen_step(s[0], xa + gx * force - io[X0], p[1], p[2], p[3])
         error = force + p[0] * z1
@@ -31,7 +31,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         following = force - error / (1.0 + p[0] / p[1] * gx * share)
         if not low < following < high:
             following = 0.5 * (low + high)
-        done = abs(following - force) <= 1e-13 * p[0]
+        done = abs(following - force) <= 1e-12 * p[0]
         force = following
         if done:
             break
@@ -53,6 +53,7 @@ class Hysteresis(Effect):
     depends_on = ("position", "direction", "history")
     siblings = ("presliding_friction", "coulomb_friction", "linear_stiffness", "backlash")
     law = staticmethod(_law)
+    remembers = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -15,8 +15,9 @@ Command laws map the line at MEAN, SLOPE to a new one, once per sub-step.
 Force laws are given the motion at their point: X0, V0 at the start; X1, V1 at the end as they would
 be without the force of this effect, all others included; and the response of the end to a unit
 mean (GX, GV) and a unit slope (GX_SLOPE, GV_SLOPE). They solve for their own MEAN and SLOPE
-(which hold the last iterate) and must leave `s` alone, but for scratch, unless COMMIT is set: then
-X1, V1 are final, all forces included, and the state moves on.
+(which hold the last iterate) and must leave `s` alone, but for scratch; FIRST marks the first call
+of a sub-step. Laws of effects that `remember` are called once more with COMMIT set: then X1, V1 are
+final, all forces included, and the state moves on.
 Output laws map MEAN, the noise-free measured value, to what the sensor says, once per sample.
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
-from ffl.effects.law import COMMIT, FIRST, STEP, TIME
+from ffl.effects.law import FIRST, STEP, TIME
 from ffl.effects.periods import sine_pair
 from ffl.effects.solve import set_curve
 from ffl.systems.plant import Plant
@@ -14,7 +14,7 @@ from ffl.systems.state_space import Array
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
     """p: amplitude, frequency, phase."""
-    if io[COMMIT] != 0.0 or io[FIRST] == 0.0:
+    if io[FIRST] == 0.0:
         return
     start = 2.0 * np.pi * p[1] * io[TIME] + p[2]
     turn = np.pi * p[1] * io[STEP]

@@ -61,6 +61,7 @@ class PositionDependentFriction(Effect):
     depends_on = ("position", "direction")
     siblings = ("coulomb_friction", "asymmetric_friction", "cogging")
     law = staticmethod(_law)
+    remembers = True
 
     def check(self, spec):  # type: ignore[no-untyped-def]
         values = super().check(spec)

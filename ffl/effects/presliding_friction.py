@@ -50,7 +50,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         following = force - error / (1.0 - min(rate, 0.0))
         if not low < following < high:
             following = 0.5 * (low + high)
-        done = abs(following - force) <= 1e-13 * p[0]
+        done = abs(following - force) <= 1e-12 * p[0]
         force = following
         if done:
             break
@@ -71,6 +71,7 @@ class PreslidingFriction(Effect):
     depends_on = ("direction", "history", "position")
     siblings = ("coulomb_friction", "hysteresis", "stribeck_friction")
     law = staticmethod(_law)
+    remembers = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0, 0.0]

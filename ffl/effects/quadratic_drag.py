@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
-from ffl.effects.law import COMMIT, V0
+from ffl.effects.law import V0
 from ffl.effects.solve import end_motion, set_line
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -13,8 +13,6 @@ from ffl.systems.state_space import Array
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
     """p: coefficient. The end force solves a quadratic equation in closed form."""
-    if io[COMMIT] != 0.0:
-        return
     start = -p[0] * io[V0] * abs(io[V0])
     _, _, va, gv = end_motion(io, start)
     # v1 = va - gv c v1 |v1|, so v1 has the sign of va.

@@ -15,7 +15,7 @@ from ffl.systems.state_space import Array
 @njit(error_model="numpy")
 def _level(p, speed):  # type: ignore[no-untyped-def]
     ratio = speed / p[2]
-    return p[0] + (p[1] - p[0]) * np.exp(-ratio * ratio)
+    return p[0] + (p[1] - p[0]) * np.exp(-ratio * ratio) if ratio < 7.0 else p[0]
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
@@ -27,9 +27,13 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
     direction = 1.0 if v0 > 0.0 or (v0 == 0.0 and io[V1] > 0.0) else -1.0
     start = _level(p, abs(v0))
     end = start
-    for _ in range(6):  # the level at the end depends on the velocity that it leaves there
+    for _ in range(8):  # the level at the end depends on the velocity that it leaves there
         v1 = io[V1] - direction * io[GV] * 0.5 * (start + end)
-        end = _level(p, max(direction * v1, 0.0))
+        following = _level(p, max(direction * v1, 0.0))
+        done = abs(following - end) <= 1e-9 * end
+        end = following
+        if done:
+            break
     static = _level(p, 0.0)
     line, back = (start, end), (static, static)
     rests = (
@@ -55,6 +59,7 @@ class StribeckFriction(Effect):
     depends_on = ("velocity", "direction")
     siblings = ("coulomb_friction", "presliding_friction", "viscous_friction")
     law = staticmethod(_law)
+    remembers = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

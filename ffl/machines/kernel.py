@@ -29,7 +29,7 @@ from ffl.effects.law import (
 COMMAND, FORCE, OUTPUT = 0, 1, 2
 PORTS = {"command": COMMAND, "force": FORCE, "output": OUTPUT}
 SWEEPS = 20
-TOLERANCE = 1e-10  # of the largest force: change per sweep at which coupled effects are solved
+TOLERANCE = 1e-9  # of the largest force: error at which coupled effects are solved
 DIVERGED = 1e150
 
 
@@ -53,7 +53,7 @@ def call_law(typingctx, address, p, at_p, s, at_s, io):  # type: ignore[no-untyp
     return signature, codegen
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def run_loop(signals, plant, points, controller, sensor, effects, state, out):  # type: ignore[no-untyped-def]
     """Runs the loop over all samples; the last state is left in `state`.
 
@@ -68,7 +68,7 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
     rows_x, rows_v, e, e_slope, gx, gv, gx_slope, gv_slope = points
     ca, cb, cc, cd = controller
     resolution, limit = sensor
-    addresses, ports, where, at_p, at_s, p, s = effects
+    addresses, ports, where, remembers, at_p, at_s, p, s = effects
     x, xf, ring, xc = state
     y_out, u_out, x_out, v_out, contribution = out
     samples, n, nf, m, count = len(reference), len(x), len(xf), len(xc), len(addresses)
@@ -82,6 +82,10 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
     for j in range(count):
         if ports[j] == FORCE:
             forces += 1
+    for w in range(n_points):
+        for i in range(n):
+            x0[w] += rows_x[w, i] * x[i]
+            v0[w] += rows_v[w, i] * x[i]
     closes = 1.0 / (1.0 - cd[0, 1] * feedthrough) if delay == 0 else 1.0
     for k in range(samples):
         time = t0 + k * h * substeps
@@ -103,11 +107,7 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
         for j in range(count):
             if ports[j] == OUTPUT:
                 io[TIME], io[MEAN] = time, y
-                w = where[j]
-                io[X0], io[V0] = 0.0, 0.0
-                for i in range(n):
-                    io[X0] += rows_x[w, i] * x[i]
-                    io[V0] += rows_v[w, i] * x[i]
+                io[X0], io[V0] = x0[where[j]], v0[where[j]]
                 call_law(addresses[j], p, at_p[j], s, at_s[j], io)
                 contribution[k, j] = io[MEAN] - y
                 y = io[MEAN]
@@ -129,11 +129,6 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
         if delay > 0:
             u, ring[k % delay] = ring[k % delay], u
         # --- move --------------------------------------------------------------------------------
-        for w in range(n_points):
-            x0[w], v0[w] = 0.0, 0.0
-            for i in range(n):
-                x0[w] += rows_x[w, i] * x[i]
-                v0[w] += rows_v[w, i] * x[i]
         x_out[k], v_out[k] = x0[0], v0[0]
         driven = 0.0
         for sub in range(substeps):
@@ -152,17 +147,18 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
                 for q in range(n):
                     value += a[i, q] * x[q]
                 following[i] = value
+            for w in range(n_points):
+                x1[w], v1[w] = 0.0, 0.0
+                for i in range(n):
+                    x1[w] += rows_x[w, i] * following[i]
+                    v1[w] += rows_v[w, i] * following[i]
             if forces > 0:
-                for w in range(n_points):
-                    x1[w], v1[w] = 0.0, 0.0
-                    for i in range(n):
-                        x1[w] += rows_x[w, i] * following[i]
-                        v1[w] += rows_v[w, i] * following[i]
                 for j in range(count):
                     if ports[j] == FORCE:
                         for w in range(n_points):
                             x1[w] += gx[w, where[j]] * mean[j] + gx_slope[w, where[j]] * slope[j]
                             v1[w] += gv[w, where[j]] * mean[j] + gv_slope[w, where[j]] * slope[j]
+                before = 0.0
                 for sweep in range(SWEEPS):
                     change, size = 0.0, 0.0
                     io[FIRST] = 1.0 if sweep == 0 else 0.0
@@ -184,27 +180,28 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
                             v1[q] += gv[q, w] * dm + gv_slope[q, w] * ds
                         change = max(change, abs(dm), abs(ds))
                         size = max(size, abs(mean[j]))
+                    # Sweeps contract; what the next would change is foretold from the last two.
                     if forces == 1 or change <= TOLERANCE * size:
                         break
+                    if change <= 0.1 * before and change * change <= TOLERANCE * size * before:
+                        break
+                    before = change
                 io[COMMIT] = 1.0
                 for j in range(count):
                     if ports[j] == FORCE:
                         w = where[j]
-                        io[X0], io[V0], io[X1], io[V1] = x0[w], v0[w], x1[w], v1[w]
-                        io[MEAN], io[SLOPE] = mean[j], slope[j]
-                        call_law(addresses[j], p, at_p[j], s, at_s[j], io)
+                        if remembers[j]:
+                            io[X0], io[V0], io[X1], io[V1] = x0[w], v0[w], x1[w], v1[w]
+                            io[MEAN], io[SLOPE] = mean[j], slope[j]
+                            call_law(addresses[j], p, at_p[j], s, at_s[j], io)
                         contribution[k, j] += mean[j] / substeps
                         for i in range(n):
                             following[i] += e[i, w] * mean[j] + e_slope[i, w] * slope[j]
                 io[COMMIT] = 0.0
             for i in range(n):
                 x[i] = following[i]
-            if sub + 1 < substeps:
-                for w in range(n_points):
-                    x0[w], v0[w] = 0.0, 0.0
-                    for i in range(n):
-                        x0[w] += rows_x[w, i] * x[i]
-                        v0[w] += rows_v[w, i] * x[i]
+            for w in range(n_points):
+                x0[w], v0[w] = x1[w], v1[w]
         for i in range(nf):
             value = fast_b[i] * driven
             for q in range(nf):

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from ffl.effects import Effect, Setting, effect_of
 from ffl.effects.base import Law
 from ffl.effects.law import address_of
-from ffl.effects.mechanics import Mechanics, Point, mechanics_of
+from ffl.effects.mechanics import Mechanics, Point
+from ffl.effects.modal import mechanics_of
 from ffl.errors import InputError
 from ffl.machines.kernel import PORTS, run_loop
 from ffl.systems.loop import closed_loop
@@ -158,7 +159,8 @@ class Simulator:
             (d.rows_x, d.rows_v, d.e, d.e_slope, d.gx, d.gv, d.gx_slope, d.gv_slope),
             (self.controller.a, self.controller.b, self.controller.c, self.controller.d),
             (float(encoder_resolution), float(command_limit or np.inf)),
-            (program.addresses, program.ports, program.where, program.at_p, program.at_s,
+            (program.addresses, program.ports, program.where, program.remembers,
+             program.at_p, program.at_s,
              program.p, program.s.copy()),
             state,
             out,
@@ -223,6 +225,7 @@ class Simulator:
             np.array([address_of(actor.law) for actor in actors], np.int64),
             np.array([PORTS[actor.port] for actor in actors], np.int64),
             np.array([actor.where for actor in actors], np.int64),
+            np.array([actor.effect.remembers for actor in actors], np.bool_),
             _offsets([actor.packed for actor in actors]),
             _offsets(states),
             np.array([value for actor in actors for value in actor.packed] or [0.0]),
@@ -311,6 +314,7 @@ class _Program:
     addresses: Array
     ports: Array
     where: Array
+    remembers: Array
     at_p: Array
     at_s: Array
     p: Array
