@@ -6,5 +6,26 @@ integrator, own discretisation, plant files written as plain text.
 
 from ffl.challenge.case import make_case
 from ffl.challenge.make import NullCase, make, null_recordings
+from ffl.challenge.score import score
+from ffl.challenge.scorecard import Bar, bars, markdown
+from ffl.challenge.solve import CaseFiles, find_cases, shipped_diagnosis, solve
+from ffl.challenge.tally import Score, Share, as_json, tally
 
-__all__ = ["NullCase", "make", "make_case", "null_recordings"]
+__all__ = [
+    "Bar",
+    "CaseFiles",
+    "NullCase",
+    "Score",
+    "Share",
+    "as_json",
+    "bars",
+    "find_cases",
+    "make",
+    "make_case",
+    "markdown",
+    "null_recordings",
+    "score",
+    "shipped_diagnosis",
+    "solve",
+    "tally",
+]

@@ -222,6 +222,7 @@ def make_case(
     truth = {
         "schema": 1,
         "case": name,
+        "kind": _kind(names, concealment, doubt, fault),
         "seed": seed,
         "machine": machine,
         "concealment": concealment,
@@ -248,6 +249,19 @@ def make_case(
         text = json.dumps(truth, indent=1, sort_keys=True)
         (Path(truth_dir) / f"{name}.json").write_text(text + "\n")
     return truth
+
+
+def _kind(names: tuple[str, ...], concealment: str, doubt: str, fault: str | None) -> str:
+    """What the composition calls such a case."""
+    if fault is not None:
+        return "fault"
+    if not names:
+        return "parameter" if doubt == "wrong" else "null"
+    if concealment == "weak":
+        return "weak"
+    if any(n in OUTSIDE for n in names):
+        return "outside"
+    return "single" if len(names) == 1 else "several"
 
 
 def _draw(names, machine, concealment, doubt, fault, rng):

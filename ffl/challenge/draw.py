@@ -204,7 +204,7 @@ def draw_noise(setup: Setup, scales: Scales, rng: np.random.Generator) -> Noise:
     """What the machine's encoder and drive bring along."""
     resolution = float(np.exp(rng.uniform(*np.log(FAMILIES[setup.family].resolution))))
     white = resolution * rng.uniform(0.3, 1.5)
-    force = scales.command * rng.uniform(0.0005, 0.003)
+    force = scales.command * rng.uniform(0.001, 0.006)
     return Noise(
         sensor=white,
         sensor_coloured=white * rng.uniform(0.5, 2.0) * (rng.random() < 0.3),

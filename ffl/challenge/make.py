@@ -45,7 +45,6 @@ def _one(job: tuple[Plan, str, Path, Path]) -> str:
         except (WorkError, InputError) as error:
             failure = error
             continue
-        truth["kind"] = plan.kind
         truth["salt"] = secrets.token_hex(32)
         truths.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(truth, indent=1, sort_keys=True) + "\n")
@@ -80,7 +79,7 @@ def make(
     else:
         kinds = [_one(job) for job in work]
     counts = {k: kinds.count(k) for k in sorted(set(kinds))}
-    return commit(out, truths, {"fraction": fraction, "counts": counts})
+    return commit(out, truths, seed, {"fraction": fraction, "counts": counts})
 
 
 @dataclass(frozen=True)

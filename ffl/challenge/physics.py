@@ -246,7 +246,7 @@ def flexible_mode(build, rng, scales, at, size):
     clamped = (
         rng.uniform(12.0, min(60.0, 0.4 * top))
         if len(body.motor) == 1
-        else rng.uniform(90.0, min(160.0, 0.5 * top))
+        else rng.uniform(90.0, min(160.0, 0.9 * top))
     )
     if body.stiffness[0, 0] > 0 and len(body.motor) == 1:
         own = np.sqrt(body.stiffness[0, 0] / body.mass[0, 0]) / (2 * np.pi)

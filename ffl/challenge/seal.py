@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import secrets
 from pathlib import Path
 
 from ffl.errors import InputError
@@ -22,17 +23,24 @@ def _folder_hash(folder: Path) -> str:
     return total.hexdigest()
 
 
-def commit(cases: Path, truths: Path, about: dict) -> dict:
+SEED = "challenge.seed"
+
+
+def commit(cases: Path, truths: Path, seed: int, about: dict) -> dict:
     """Write `cases/commitments.json`. Truth files carry a random salt, so a hash tells nothing.
 
-    `root` is one hash over all of them: the number to publish.
+    `root` is one hash over all of them: the number to publish. The seed is committed to as well,
+    beside a salt in `truths/challenge.seed`.
     """
     entries = {}
+    sealed = truths / SEED
+    sealed.write_text(json.dumps({"seed": seed, "salt": secrets.token_hex(32)}) + "\n")
     for path in sorted(truths.glob("*.json")):
         name = path.stem
         entries[name] = {"truth": _hash(path), "case": _folder_hash(cases / name)}
     text = json.dumps(entries, sort_keys=True)
     root = hashlib.sha256(text.encode()).hexdigest()
+    about = {**about, "seed_hash": _hash(sealed)}
     document = {"schema": 1, "root": root, **about, "cases": entries}
     (cases / FILE).write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
     return document
@@ -60,4 +68,7 @@ def open_truths(cases: Path, truths: Path) -> tuple[dict[str, dict], dict]:
         if _folder_hash(cases / name) != entry["case"]:
             raise InputError(f"{cases / name}: files differ from those committed to (SHA-256)")
         opened[name] = json.loads(truth.read_text())
-    return opened, document
+    sealed = truths / SEED
+    if not sealed.is_file() or _hash(sealed) != document["seed_hash"]:
+        raise InputError(f"{sealed}: this is not the seed that was committed to (SHA-256)")
+    return opened, {**document, "seed": json.loads(sealed.read_text())["seed"]}

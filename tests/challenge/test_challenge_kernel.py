@@ -136,7 +136,7 @@ def test_stribeck_level_falls_with_speed():
         level = 1 + 0.8 * np.exp(-((speed / 0.05) ** 2))
         row = build.elements[0]
         assert kernel._level(row, np.zeros((0, 2)), 0.0, speed, 0.0, True) == pytest.approx(level)
-    y, v = drive(build, np.full(100, 1.75))
+    _, v = drive(build, np.full(100, 1.75))
     assert np.all(v == 0)
     _y, v = drive(build, np.full(2000, 1.85))
     t = np.arange(2000) * T
