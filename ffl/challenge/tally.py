@@ -105,6 +105,8 @@ def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Sco
         "answered": Share.of(v.verdict != "failed" for v in rows),
         "false alarms, nothing missing": Share.of(v.alarm for v in kinds["null"]),
         "false alarms, parameters wrong": Share.of(v.alarm for v in kinds["parameter"]),
+        "nothing missing, said so": Share.of(v.right for v in kinds["null"] + kinds["parameter"]),
+        "refused though sound": Share.of(v.verdict == "refused" for v in rows if v.kind != "fault"),
         "named first, separable": Share.of(v.first for v in plain),
         "right, single": Share.of(v.right for v in single),
         "right, inseparable": Share.of(v.right for v in single if v.inseparable),
