@@ -49,6 +49,15 @@ def read_csv(path: Path, header: Sequence[str] = (), skip_lines: int = 0) -> Tab
     trimmed = body.rstrip(b"\n \t" if separator != "\t" else b"\n ")
     if not trimmed:
         raise InputError(f"{path}: there is no sample below the header; export it again")
+    row = trimmed[: trimmed.find(b"\n") if b"\n" in trimmed else None].decode(
+        text.encoding, "replace"
+    )
+    cells = split_line(row, separator)
+    if len(cells) != len(names) and not (len(cells) == len(names) + 1 and not cells[-1]):
+        raise InputError(
+            f"{path}: the rows have {len(cells)} columns, the header names {len(names)}; give "
+            "every column one name"
+        )
     load = partial(
         _load,
         path=path,
@@ -100,12 +109,6 @@ def _load(
             raise InputError(
                 f"{path}: line {skipped + line + 1} has {cells} columns, the lines before have "
                 f"{expected}; {mend}"
-            )
-        trailing = expected == len(names) + 1 and first.endswith(separator.encode())
-        if expected != len(names) and not trailing:
-            raise InputError(
-                f"{path}: the rows have {expected} columns, the header names {len(names)}; give "
-                "every column one name"
             )
     decimal_comma = separator == ";" and b"," in first
     untouched = text.as_on_disk and not decimal_comma

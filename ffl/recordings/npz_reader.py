@@ -14,7 +14,8 @@ from ffl.recordings.table import Array, Table, sample, unreadable
 def read_npz(path: Path) -> Table:
     """Arrays by name; nothing pickled is opened."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here, since numpy leaves a damaged archive open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             names = tuple(archive.files)
     except Exception as error:  # zip, pickle and numpy errors of a damaged file
         raise unreadable(path, "an NPZ file", error) from None
@@ -23,7 +24,7 @@ def read_npz(path: Path) -> Table:
 
     def load(wanted: Sequence[str]) -> dict[str, Array]:
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 return {name: archive[name] for name in wanted}
         except Exception as error:
             raise unreadable(path, "an NPZ file", error) from None

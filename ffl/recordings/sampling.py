@@ -30,6 +30,7 @@ class Sampling:
     """(row after the gap, samples lost), for each gap."""
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def examine_time(t: Array) -> Sampling:
     """Sample time of at least two stamps, and every kind of fault in them once.
 
@@ -59,7 +60,7 @@ def examine_time(t: Array) -> Sampling:
         return Sampling(abs(median) or 1.0, tuple(faults))
     rounding = _rounding(t, median)
     lost_at = np.flatnonzero(dt > 1.5 * median)
-    gaps = tuple((int(k) + 1, round(float(dt[k]) / median) - 1) for k in lost_at)
+    gaps = tuple((int(k) + 1, round(min(float(dt[k]) / median, 1e15)) - 1) for k in lost_at)
     regular = (dt > 0.5 * median) & (dt < 1.5 * median)
     mean = float(dt[regular].mean()) if gaps or faults else float(t[-1] - t[0]) / len(dt)
     sample_time = _plain(mean, rounding / max(int(regular.sum()), 1))

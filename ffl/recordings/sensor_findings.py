@@ -12,8 +12,9 @@ from ffl.recordings.recording import Recording
 _SHORTEST = 3
 _FROZEN = 8
 _LAGS = (1, 3, 10)
-_BREAK = 5.0
-"""How many times the usual bend of a moving output its stop must be to be no motion."""
+_BREAK, _BOTH = 5.0, 2.5
+"""How many times the usual bend of a moving output a stop must be to be no motion; and a stop and
+the start that ends it, together. Sticking starts gently however hard it stopped."""
 
 
 def constant_findings(recording: Recording) -> list[Finding]:
@@ -96,9 +97,9 @@ class _Signs:
 def _signs(y: Array, first: Array, stop: Array, step: float) -> _Signs:
     """Entry: the output runs on at speed and stands the next sample. Exit: it reappears elsewhere.
 
-    The bend |y[k+m] - 2 y[k] + y[k-m]| at the last moving sample k is compared with the 98 %
-    quantile of the bends of the moving output, for m = 1, 3, 10; sticking bends no more than
-    braking does. The jump at the end is compared with the fastest motion anywhere.
+    The bend |y[k+m] - 2 y[k] + y[k-m]| at the last moving sample k (and at the first one after) is
+    compared with the 98 % quantile of the bends of the moving output, for m = 1, 3, 10; sticking
+    bends no more than braking does. The jump at the end is compared with the fastest motion.
     """
     n = len(y)
     inside = np.zeros(n, bool)
@@ -116,10 +117,14 @@ def _signs(y: Array, first: Array, stop: Array, step: float) -> _Signs:
         usual = bend[moving & ~inside & ~near]
         if len(usual) < 20:
             continue
-        limit = max(_BREAK * float(np.quantile(usual, 0.98)), 5 * step)
-        last = first - 1
-        fits = (last >= m) & (stop - first >= m)
-        entry[fits] |= bend[last[fits]] > limit
+        limit = float(np.quantile(usual, 0.98))
+        fits = (first > m) & (stop - first >= m)
+        stopping, starting = np.zeros(len(first)), np.zeros(len(first))
+        stopping[fits] = bend[first[fits] - 1]
+        fits &= stop < n
+        starting[fits] = bend[stop[fits]]
+        entry |= stopping > max(_BREAK * limit, 5 * step)
+        entry |= np.minimum(stopping, starting) > max(_BOTH * limit, 5 * step)
     steps = np.abs(np.diff(y))
     ordinary = steps[~(near[1:] & near[:-1])]
     fastest = float(ordinary.max()) if len(ordinary) else np.inf
