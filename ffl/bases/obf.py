@@ -96,8 +96,10 @@ class OBF(Basis):
             raise InputError("obf: give at least one pole in 'poles' or 'outside', or feedthrough")
         self.sample_time = float(sample_time)
         self.repeat = int(repeat)
-        self._causal = chain(np.tile(inside, repeat), self.sample_time)
-        self._anticausal = chain(np.tile(anticausal, repeat), self.sample_time)
+        self.forward_poles = np.tile(inside, repeat)  # xi_s, in the order of the chain
+        self.backward_poles = np.tile(anticausal, repeat)  # xi_u
+        self._causal = chain(self.forward_poles, self.sample_time)
+        self._anticausal = chain(self.backward_poles, self.sample_time)
 
     @property
     def names(self) -> list[str]:

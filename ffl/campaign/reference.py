@@ -9,8 +9,8 @@ import numpy as np
 
 from ffl.campaign.forms import FileForm, MovesForm, MultisineForm
 from ffl.errors import InputError
+from ffl.recordings import Recording, check_recording
 from ffl.systems import Move, moves, multisine
-from ffl.systems.plant_file import shipped_plants
 from ffl.systems.state_space import Array
 
 ROUNDING = 1e-9
@@ -20,9 +20,10 @@ def find_recording(text: str, folder: Path) -> Path:
     """A recording from the campaign's folder, the working directory, FFL_DATA or ../shared/data."""
     data = os.environ.get("FFL_DATA")
     folders = [folder, Path(), Path(data) if data else Path("..") / "shared" / "data"]
+    name, _, part = text.partition("::")
     for base in folders:
-        if (base / text).is_file():
-            return base / text
+        if (base / name).is_file():
+            return Path(f"{base / name}::{part}") if part else base / name
     places = ", ".join(str(base) for base in folders)
     raise InputError(
         f"recording '{text}': no such file (looked in {places}); set FFL_DATA to the folder of the "
@@ -30,12 +31,11 @@ def find_recording(text: str, folder: Path) -> Path:
     )
 
 
-def find_map(text: str | None, folder: Path) -> Path | None:
-    """A mapping file: a bare name among the shipped ones, or a path as for a recording."""
+def find_map(text: str | None, folder: Path) -> str | None:
+    """A mapping file seen from `folder`, else the name or path as it stands."""
     if text is None:
         return None
-    shipped = shipped_plants() / "maps" / f"{text}.toml"
-    return shipped if shipped.is_file() else find_recording(text, folder)
+    return str(folder / text) if (folder / text).is_file() else text
 
 
 def build_reference(
@@ -59,21 +59,34 @@ def build_reference(
     return _from_file(form, sample_time, folder)
 
 
-def _from_file(form: FileForm, sample_time: float, folder: Path) -> Array:
-    from ffl.recordings import read_recording  # readers pull in scipy.io and h5py
+def _column(form: FileForm, sample_time: float, folder: Path) -> tuple[Path, Array]:
+    """The column asked for: of a recording, or of a table that holds no more than t and it."""
+    from ffl.recordings.mapping import mapping_beside
+    from ffl.recordings.read import read_recording
+    from ffl.recordings.readers import open_table
 
     path = find_recording(form.file, folder)
-    recording = read_recording(path, find_map(form.map, folder))
+    mapping = find_map(form.map, folder)
+    if mapping is None and "::" not in form.file and mapping_beside(path) is None:
+        table = open_table(path)
+        if table.find("y") is None and None not in (table.find("t"), table.find(form.column)):
+            columns = table.numbers(["t", form.column])
+            plain = Recording.from_signals(
+                sample_time, t=columns["t"], r=columns[form.column], y=columns[form.column],
+                source=str(path),
+            )  # fmt: skip
+            check_recording(plain, sample_time)
+            return path, plain.r
+    recording = read_recording(path, mapping, sample_time=sample_time)
     if form.column not in ("r", "y", "f", "u"):
         raise InputError(f"reference.column = '{form.column}': known: r, y, f, u")
     if form.column in recording.missing:
         raise InputError(f"reference.column = '{form.column}': {path} does not hold that column")
-    if abs(recording.sample_time / sample_time - 1.0) > 1e-3:
-        raise InputError(
-            f"{path}: sample time {recording.sample_time:g} s, the model has {sample_time:g} s; "
-            "resample the recording"
-        )
-    signal = np.asarray(getattr(recording, form.column), float)
+    return path, np.asarray(getattr(recording, form.column), float)
+
+
+def _from_file(form: FileForm, sample_time: float, folder: Path) -> Array:
+    path, signal = _column(form, sample_time, folder)
     first = round(form.start / sample_time)
     count = len(signal) if form.duration is None else round(form.duration / sample_time)
     signal = signal[first : first + count]
@@ -82,12 +95,12 @@ def _from_file(form: FileForm, sample_time: float, folder: Path) -> Array:
             f"reference: start = {form.start} s and duration = {form.duration} s leave "
             f"{len(signal)} samples of {path}"
         )
-    before = lead(signal, round(form.lead_in / sample_time), form.lead_in)
-    after = lead(signal[::-1], round(form.lead_out / sample_time), form.lead_out, signal[-1])[::-1]
+    before = lead(signal, round(form.lead_in / sample_time))
+    after = lead(signal[::-1], round(form.lead_out / sample_time), signal[-1])[::-1]
     return np.concatenate([before, signal, after])
 
 
-def lead(signal: Array, n: int, duration: float, rest: float = 0.0) -> Array:
+def lead(signal: Array, n: int, rest: float = 0.0) -> Array:
     """`n` samples that bring a motion from rest at `rest` to the start of `signal`, smoothly.
 
     Fifth-order polynomial that meets the signal's position, velocity and acceleration, so that a

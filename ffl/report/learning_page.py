@@ -33,8 +33,9 @@ def learning_page(runs: Sequence[FinishedRun]) -> Page:
         if index == 0 or not _same_reference(group[0], runs[0]):
             same = [run for run in runs if _same_reference(run, group[0])]
             _time_domain(page, same)
-        if index == 0 or group[0].campaign.model != first.model:
-            _plant(page, [run for run in runs if run.campaign.model == group[0].campaign.model])
+        model = _text(group[0], "model")
+        if index == 0 or model != _text(runs[0], "model"):
+            _plant(page, [run for run in runs if _text(run, "model") == model])
     _power(page, runs)
     _parameters(page, runs)
     _second(page, runs)
@@ -48,6 +49,11 @@ def _list(names: Sequence[str]) -> str:
 
 def _same_reference(one: FinishedRun, other: FinishedRun) -> bool:
     return np.array_equal(one.campaign.reference, other.campaign.reference)
+
+
+def _text(run: FinishedRun, plant: str) -> str:
+    """The plant file as resolved: equal texts are equal plants."""
+    return run.campaign.resolved[f"{plant}.toml"]
 
 
 def _label(unit: str) -> str:
@@ -186,7 +192,7 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
     plants: list[tuple[str, Array]] = [
         (f"P, model {campaign.model.name}", campaign.model.system.response(frequencies))
     ]
-    if campaign.machine != campaign.model:
+    if _text(runs[0], "machine") != _text(runs[0], "model"):
         plants.append(
             (f"P, machine {campaign.machine.name}", campaign.machine.system.response(frequencies))
         )

@@ -1,0 +1,182 @@
+"""What a file is and what it holds: plants, campaigns, step files, mappings, recordings, folders."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffl.campaign.config import (
+    Campaign,
+    check_campaign,
+    check_effects,
+    load_campaign,
+    load_step,
+    run_parts,
+)
+from ffl.campaign.reference import find_map, find_recording
+from ffl.errors import InputError
+from ffl.systems import Plant, load_plant
+from ffl.systems.plant_file import find_plant, read_toml
+
+Facts = dict[str, Any]
+
+
+def kind_of(table: Mapping[str, Any], path: Path) -> str:
+    """ "campaign", "plant", "step" or "mapping", from the tables that only such a file has."""
+    marks = {"runs": "campaign", "reference": "campaign", "plant": "plant"}
+    marks |= {"basis": "step", "columns": "mapping", "recordings": "mapping"}
+    for key, kind in marks.items():
+        if key in table:
+            return kind
+    raise InputError(
+        f"{path}: neither a campaign ([[runs]]) nor a plant ([plant]) nor a step file (basis); "
+        "add the table that says which"
+    )
+
+
+def check_file(path: Path) -> str:
+    """Checks a campaign, plant or step file as `ffl run` would; one sentence where it is sound."""
+    if not path.is_file() and not path.is_dir() and path.suffix != ".toml":
+        path = find_plant(str(path))
+    kind = kind_of(read_toml(path), path)
+    if kind == "campaign":
+        campaign = load_campaign(path)
+        try:
+            check_campaign(campaign)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        return (
+            f"campaign '{campaign.name}' is sound: {len(campaign.runs)} runs of {campaign.trials} "
+            f"trials, {len(campaign.reference)} samples"
+        )
+    if kind == "plant":
+        plant = load_plant(path)
+        check_effects(plant)
+        try:
+            plant.require_stable()
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        loop = "closed loop stable" if plant.controller is not None else "open loop"
+        return f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
+    if kind == "step":
+        try:
+            basis, _, _ = run_parts(load_step(path), 1.0)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        return f"step file is sound: {basis.n_parameters} parameters"
+    from ffl.recordings import load_mapping
+
+    load_mapping(path)
+    return "mapping is sound"
+
+
+def inspect_file(path: Path, map: Path | None = None) -> Facts:
+    """Facts about a plant, campaign, recording or run folder, ready for JSON."""
+    if path.is_dir():
+        return _folder(path)
+    if path.suffix == ".toml":
+        kind = kind_of(read_toml(path), path)
+        if kind == "campaign":
+            return _campaign(load_campaign(path))
+        if kind == "plant":
+            return _plant(load_plant(path))
+        return {"kind": kind, "says": check_file(path)}
+    if path.suffix == "" and not path.exists():
+        return _plant(load_plant(str(path)))
+    return _recording(path, map)
+
+
+def _folder(path: Path) -> Facts:
+    try:
+        results = json.loads((path / "results.json").read_text())
+    except (OSError, ValueError):
+        raise InputError(f"{path}: no readable results.json; give the folder of a run") from None
+    facts: Facts = {"kind": "run folder", "campaign": results["campaign"], "seed": results["seed"]}
+    for run in results["runs"]:
+        norms = run["error_norm"]
+        told = f"{run['status']}, {run['parameters']} parameters, {len(norms)} trials"
+        if norms:
+            told += f", error norm {norms[0]:.4g} to {norms[-1]:.4g}"
+        facts[f"run {run['name']}"] = told
+    return facts
+
+
+def _campaign(campaign: Campaign) -> Facts:
+    facts: Facts = {
+        "kind": "campaign",
+        "name": campaign.name,
+        "seed": campaign.seed,
+        "trials": campaign.trials,
+        "model": campaign.model.name,
+        "machine": campaign.machine.name,
+        "sample_time": campaign.sample_time,
+        "samples": len(campaign.reference),
+        "reference_range": float(np.ptp(campaign.reference)),
+        "reference_peak_velocity": float(
+            np.abs(np.diff(campaign.reference)).max() / campaign.sample_time
+        ),
+    }
+    for run in campaign.runs:
+        facts[f"run {run.name}"] = (
+            f"{type(run.basis).__name__}, {run.basis.n_parameters} parameters, update {run.update}"
+        )
+    return facts
+
+
+def _plant(plant: Plant) -> Facts:
+    from ffl.systems import as_zpk
+
+    system = as_zpk(plant.system)
+    facts: Facts = {
+        "kind": "plant",
+        "name": plant.name,
+        "sample_time": plant.sample_time,
+        "input_unit": plant.input_unit,
+        "output_unit": plant.output_unit,
+        "poles": [str(complex(p).real if p.imag == 0 else complex(p)) for p in system.poles],
+        "zeros": [str(complex(z).real if z.imag == 0 else complex(z)) for z in system.zeros],
+        "gain": system.gain,
+        "relative_degree": system.relative_degree,
+        "zeros_outside_unit_circle": int(np.sum(np.abs(system.zeros) > 1)),
+        "effects": [effect.name for effect in plant.effects],
+    }
+    if plant.controller is not None:
+        margins = plant.loop.margins()
+        facts["closed_loop_stable"] = plant.loop.is_stable
+        facts["largest_closed_loop_pole"] = float(np.abs(plant.loop.poles).max(initial=0.0))
+        named = {
+            "gain_margin": margins.gain,
+            "phase_margin_deg": margins.phase,
+            "modulus_margin": margins.modulus,
+            "crossover_hz": margins.crossover,
+        }
+        facts |= {name: float(value) for name, value in named.items() if np.isfinite(value)}
+    return facts
+
+
+def _recording(path: Path, map: Path | None) -> Facts:
+    from ffl.recordings import read_recording
+    from ffl.recordings.soundness import soundness
+
+    mapping = find_map(str(map), Path()) if map is not None else None
+    recording = read_recording(find_recording(str(path), Path()), mapping, check=False)
+    facts: Facts = {
+        "kind": "recording",
+        "source": recording.source,
+        "samples": len(recording),
+        "sample_time": recording.sample_time,
+        "duration": recording.duration,
+        "not_measured": sorted(recording.missing),
+    }
+    for name in ("r", "f", "u", "y", "d"):
+        values = getattr(recording, name)
+        if values is not None and np.all(np.isfinite(values)):
+            unit = recording.units.get(name, "")
+            facts[name] = f"{values.min():.6g} to {values.max():.6g} {unit}".strip()
+    for finding in soundness(recording).findings:
+        facts.setdefault("findings", []).append(f"{finding.severity}: {finding.text}")
+    return facts
