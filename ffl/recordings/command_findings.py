@@ -31,7 +31,7 @@ def _saturated(recording: Recording) -> list[Finding]:
     rest = np.delete(u, np.concatenate([np.arange(a, b) for a, b in zip(first, stop, strict=True)]))
     share = count / len(u)
     # Steps and pulses have few values; a feedback command hardly ever repeats one.
-    if len(rest) > 20 and len(np.unique(rest)) < 0.5 * len(rest):
+    if len(np.unique(rest)) < min(100, 0.5 * len(rest)):
         return []
     levels = np.unique(u[first])
     # At rest a noise-free command stands still at an extreme too, but it comes there gently.
@@ -67,7 +67,7 @@ def _feedforward(recording: Recording) -> list[Finding]:
 
     Without the controller, u_fb is stood for by r and y at lags 0 to 3, their sums and a constant.
     Where that together with f leaves little of u (1 %), the factor on f must be 1; it is told only
-    where f is no copy of the other columns and the factor is far from 1.
+    where what f has of its own fixes the factor, and the factor is far from 1.
     """
     u, f = recording.u, recording.f
     if "f" in recording.missing or np.ptp(f) == 0:
@@ -88,11 +88,12 @@ def _feedforward(recording: Recording) -> list[Finding]:
     own_f = f[:n] - basis @ (basis.T @ f[:n])
     own_u = u[:n] - basis @ (basis.T @ u[:n])
     power = float(own_f @ own_f)
-    if power < 0.01 * np.var(f[:n]) * n:
+    if power < 1e-8 * np.var(f[:n]) * n:
         return []
     factor = float(own_u @ own_f) / power
     left = np.linalg.norm(own_u - factor * own_f)
-    if left > 0.01 * np.std(u[:n]) * np.sqrt(n):
+    # The second bound leaves the factor within 5 % even if all that is left were its error.
+    if left > 0.01 * np.std(u[:n]) * np.sqrt(n) or left > 0.05 * max(abs(factor), 1) * power**0.5:
         return []
     return _factor_finding(factor, "f", "{0:.4g} f is in the command u, not f itself")
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-from scipy.signal import firwin, resample_poly
 
 from ffl.errors import InputError
 from ffl.recordings.recording import Array, Recording
@@ -60,6 +59,8 @@ def _resampled(x: Array, up: int, down: int, n: int) -> Array:
     if np.ptp(x) == 0 or np.isnan(x).all():
         return np.full(n, x[0])
     factor = max(up, down)
+    from scipy.signal import firwin, resample_poly  # half a second to import
+
     taps = firwin(2 * _LOBES * factor + 1, _CUT / factor, window=("kaiser", 8.0))
     # A whole number of `down` samples before the start keeps sample 0 on the grid.
     pad = down * (-(-2 * _LOBES * factor // (up * down)))

@@ -1,0 +1,181 @@
+"""Every reader hands over the same recording; every spelling of CSV too."""
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from ffl.errors import InputError
+from ffl.recordings import READERS, load_mapping, read_recording, write_recording
+from ffl.recordings.recording import REQUIRED
+
+
+def _csv(path, x):
+    write_recording(x, path)
+
+
+def _mat5(path, x):
+    scipy.io.savemat(path, {"rec": {name: getattr(x, name) for name in REQUIRED}})
+
+
+def _mat73(path, x):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name in REQUIRED:  # MATLAB lays vectors out as rows
+            file[f"rec/{name}"] = getattr(x, name)[None, :]
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+
+
+def _hdf5(path, x):
+    with h5py.File(path, "w") as file:
+        for name in REQUIRED:
+            file[f"rec/{name}"] = getattr(x, name)
+        file["rec/y"].attrs["unit"] = "m"
+
+
+def _npz(path, x):
+    np.savez(path, **{f"rec.{name}": getattr(x, name) for name in REQUIRED})
+
+
+def _parquet(path, x):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    table = pyarrow.table({f"rec.{name}": getattr(x, name) for name in REQUIRED})
+    parquet.write_table(table, path)
+
+
+def _mdf(path, x):
+    asammdf = pytest.importorskip("asammdf")
+    signals = [
+        asammdf.Signal(getattr(x, name), x.t, unit="m" if name == "y" else "", name=f"rec.{name}")
+        for name in ("r", "f", "u", "y")
+    ]
+    with asammdf.MDF() as file:
+        file.append(signals)
+        file.save(path)
+
+
+WRITERS = {
+    "x.csv": _csv,
+    "a.mat": _mat5,
+    "b.mat": _mat73,
+    "x.h5": _hdf5,
+    "x.npz": _npz,
+    "x.parquet": _parquet,
+    "x.mf4": _mdf,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_same_bits_from_every_format(tmp_path, recording, same_bits, name):
+    path = tmp_path / name
+    WRITERS[name](path, recording)
+    if path.suffix != ".csv":
+        time = "t" if path.suffix == ".mf4" else "rec.t"
+        lines = [f'{c} = "rec.{c}"' for c in ("r", "f", "u", "y")]
+        (tmp_path / f"{path.stem}.map.toml").write_text(
+            "\n".join(["[columns]", f't = "{time}"', *lines])
+        )
+    read = read_recording(path)
+    assert read.sample_time == 1e-3
+    assert not read.missing
+    for column in REQUIRED:
+        assert same_bits(getattr(read, column), getattr(recording, column)), column
+    if path.suffix in (".h5", ".mf4"):
+        assert read.units["y"] == "m"
+
+
+def test_every_suffix_has_a_test():
+    assert {"." + name.split(".")[1] for name in WRITERS} == set(READERS) - {
+        ".tsv",
+        ".txt",
+        ".hdf5",
+        ".mdf",
+    }
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "extra"),
+    [(".parquet", "pyarrow", "parquet"), (".mf4", "asammdf", "mdf")],
+)
+def test_missing_extra_is_named(tmp_path, monkeypatch, suffix, module, extra):
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(b"anything")
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match=rf"ffl\[{extra}\]"):
+        read_recording(path)
+
+
+BODY = "\n".join(f"{0.01 * k:.2f},{k % 3}.5,{k}.25" for k in range(30))
+
+
+def _text(separator=",", end="\n", comma=False):
+    text = "t,u,y\n" + BODY + "\n"
+    if separator != ",":
+        text = text.replace(",", separator)
+    return (text.replace(".", ",") if comma else text).replace("\n", end)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        _text().encode(),
+        _text().rstrip("\n").encode(),
+        (_text() + "\n\n").encode(),
+        _text(end="\r\n").encode(),
+        _text(end="\r").encode(),
+        _text(";").encode(),
+        _text("\t").encode(),
+        _text(" ").encode(),
+        _text(";", comma=True).encode(),
+        _text().encode("utf-8-sig"),
+        _text().encode("utf-16"),
+        _text().encode("utf-16-le"),
+        _text().encode("utf-16-be"),
+        _text().encode("utf-32"),
+        ("# made by hand, µm\n% and on\n" + _text()).encode(),
+        ("# made by hand, µm\n" + _text()).encode("latin-1"),
+        _text().replace("t,u,y", "t [s],u (V),y [µm]").encode("latin-1"),
+        _text().replace("t,u,y", "t [s],u (V),y [µm]").encode(),
+        _text().replace("t,u,y", '"t","u","y"').encode(),
+        _text().replace("t,u,y", '"t","u","y",').replace("5\n", "5,\n").encode(),
+        _text().replace("t,u,y\n", " t , u ,y \n").encode(),
+        b'"t","u","y"\n'
+        + b"\n".join(
+            b",".join(b'"' + cell + b'"' for cell in line.split(b","))
+            for line in BODY.encode().split(b"\n")
+        ),
+    ],
+)
+def test_spellings_of_csv(tmp_path, content):
+    path = tmp_path / "x.csv"
+    path.write_bytes(content)
+    x = read_recording(path)
+    assert x.sample_time == 0.01
+    assert np.array_equal(x.y, np.arange(30) + 0.25)
+    assert np.array_equal(x.u, np.arange(30) % 3 + 0.5)
+    if b"u (V)" in content:
+        assert dict(x.units) == {"t": "s", "u": "V", "y": "µm"}
+
+
+def test_header_from_the_mapping(tmp_path):
+    path = tmp_path / "x.txt"
+    path.write_text("a machine\nof 1999\n" + BODY)
+    (tmp_path / "x.map.toml").write_text('header = ["t", "u", "y"]\nskip_lines = 2\n')
+    assert len(read_recording(path)) == 30
+    rules = load_mapping(tmp_path / "x.map.toml")
+    scipy.io.savemat(tmp_path / "x.mat", {"y": np.arange(30.0)})
+    with pytest.raises(InputError, match="for text files"):
+        read_recording(tmp_path / "x.mat", rules)
+
+
+def test_columns_not_used_may_hold_anything(tmp_path):
+    path = tmp_path / "x.csv"
+    rows = "\n".join(f"{0.01 * k:.2f},n/a,1,{k}" for k in range(20))
+    path.write_text("t,comment,u,y\n" + rows)
+    x = read_recording(path)
+    assert np.array_equal(x.y, np.arange(20.0))
+    assert "columns not used: comment" in x.notes
