@@ -1,1 +1,35 @@
-"""See docs/design.md."""
+"""Identification: inverse systems from data, with what is known of their uncertainty."""
+
+from ffl.identify.evidence import Evidence, maximise_evidence, regularised
+from ffl.identify.fir import KernelInverse, LeastSquaresInverse
+from ffl.identify.inverse import Band, IdentifiedInverse, InverseBasis
+from ffl.identify.kernels import DC, KERNELS, OBF, TC, Diagonal, Direct, Fixed, Kernel, StableSpline
+from ffl.identify.noise import NoiseModel, fit_noise, noise_of
+from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
+
+__all__ = [
+    "DC",
+    "KERNELS",
+    "OBF",
+    "TC",
+    "Band",
+    "Diagonal",
+    "Direct",
+    "Edges",
+    "Evidence",
+    "Fixed",
+    "IdentifiedInverse",
+    "InverseBasis",
+    "Kernel",
+    "KernelInverse",
+    "LeastSquaresInverse",
+    "NoiseModel",
+    "Regression",
+    "StableSpline",
+    "backward_regression",
+    "fit_noise",
+    "least_squares",
+    "maximise_evidence",
+    "noise_of",
+    "regularised",
+]

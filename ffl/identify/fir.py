@@ -159,4 +159,4 @@ class KernelInverse(_Backward):
         self.noise_variance_ = found.solution.noise_variance
         self.log_evidence_ = found.log_evidence
         self.effective_parameters_ = found.solution.effective_parameters
-        return found.solution.inverse(rows)
+        return found.inverse(rows)

@@ -22,9 +22,9 @@ from numpy.random import SeedSequence, default_rng
 from numpy.typing import NDArray
 
 from ffl.errors import InputError
-from ffl.identify.evidence import Solution, maximise_evidence, regularised
+from ffl.identify.evidence import maximise_evidence
 from ffl.identify.inverse import IdentifiedInverse
-from ffl.identify.kernels import OBF, Direct, Kernel
+from ffl.identify.kernels import OBF, Direct, Fixed, Kernel
 from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
 from ffl.systems import StateSpace, Zpk, load_plant, two_sided_filter, two_sided_impulse
 
@@ -159,9 +159,7 @@ def draw(seed: SeedSequence) -> Realisation:
     y = _state_space().filter(np.pad(r, TAPS))
     target = r + np.sqrt(NOISE) * rng.standard_normal(N)
     regression = backward_regression(y, target, TAPS, TAPS, Edges("known", "known"), lead=TAPS)
-    return Realisation(
-        regression, rng.standard_normal(N), np.sqrt(NOISE) * rng.standard_normal(N)
-    )
+    return Realisation(regression, rng.standard_normal(N), np.sqrt(NOISE) * rng.standard_normal(N))
 
 
 def tracking_error(theta: Array, task: Realisation) -> float:
@@ -180,26 +178,26 @@ def kernels() -> dict[str, Kernel]:
     }
 
 
-def learned_poles(regression: Regression) -> Solution:
+def learned_poles(regression: Regression) -> IdentifiedInverse:
     """Poles, scale and noise variance by marginal likelihood, from section 6's poles as expectation."""
-    start = OBF.of_poles(
-        STABLE, OUTSIDE, direct=DIRECT, scale=SCALE, pole_spread=POLE_SPREAD
+    start = OBF.of_poles(STABLE, OUTSIDE, direct=DIRECT, scale=SCALE, pole_spread=POLE_SPREAD)
+    return maximise_evidence(regression, regression.lags, start, NOISE).inverse(
+        regression, system().sample_time
     )
-    return maximise_evidence(regression, regression.lags, start, NOISE).solution
 
 
 def estimate(regression: Regression) -> dict[str, IdentifiedInverse]:
     """All estimates of one realisation."""
-    triangle = regression.triangle
+    triangle, sample_time = regression.triangle, system().sample_time
     theta = least_squares(regression)
     found = {
-        "least_squares": IdentifiedInverse(theta, TAPS, TAPS, 1.0, NOISE, triangle.r),
-        "data_driven_poles": learned_poles(regression).inverse(regression),
+        "least_squares": IdentifiedInverse(theta, TAPS, TAPS, sample_time, NOISE, triangle.r),
+        "data_driven_poles": learned_poles(regression),
     }
     for name, kernel in kernels().items():
         rows = triangle if name == "causal_kernel" else regression
-        solution = regularised(rows, kernel.factor(regression.lags), NOISE)
-        found[name] = solution.inverse(regression)
+        given = maximise_evidence(rows, regression.lags, Fixed(kernel), NOISE, learn_noise=False)
+        found[name] = given.inverse(regression, sample_time)
     return found
 
 
@@ -228,8 +226,8 @@ def reproduce(
 ) -> Kernel2018:
     """Figures 3, 4 and 5 and their numbers: 1000 realisations, 100 where `fast`.
 
-    Every realisation has its own seed and every worker one BLAS thread, whatever `jobs`, so the
-    numbers do not depend on the number of workers.
+    Every realisation has its own seed, so the numbers do not depend on the number of workers.
+    Workers use one BLAS thread each: more only cost time on matrices of this size.
     """
     if jobs < 1:
         raise InputError(f"jobs = {jobs} must be 1 or more")
@@ -262,9 +260,13 @@ def _rows(errors: Array) -> tuple[Row, ...]:
     for values, (key, what) in zip(errors.T, METHODS.items(), strict=True):
         paper = 1.0 if key == "perfect" else None
         error = float(values.std(ddof=1) / np.sqrt(n))
-        rows.append(Row(key, f"mean ||e||/sqrt(N), {what}", float(values.mean()), "1", n, error, paper))
+        rows.append(
+            Row(key, f"mean ||e||/sqrt(N), {what}", float(values.mean()), "1", n, error, paper)
+        )
     for values, (key, what) in zip(errors.T[1:], list(METHODS.items())[1:], strict=True):
         excess = values - errors[:, 0]
         error = float(excess.std(ddof=1) / np.sqrt(n))
-        rows.append(Row(f"{key}_excess", f"paired excess, {what}", float(excess.mean()), "1", n, error))
+        rows.append(
+            Row(f"{key}_excess", f"paired excess, {what}", float(excess.mean()), "1", n, error)
+        )
     return tuple(rows)

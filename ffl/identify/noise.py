@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ffl.errors import InputError
 from ffl.identify.regression import Regression
+from ffl.systems.two_sided import refuse_unit_circle
 from ffl.systems.zpk import Zpk
 
 Array = NDArray[np.float64]
@@ -57,7 +58,9 @@ def fit_noise(residual: Array, order: int | None = None, largest: int = 30) -> N
     return best
 
 
-def noise_of(system: Zpk, variance: float = 1.0, order: int = 60, n_grid: int = 1 << 16) -> NoiseModel:
+def noise_of(
+    system: Zpk, variance: float = 1.0, order: int = 60, n_grid: int = 1 << 16
+) -> NoiseModel:
     """AR model with the spectrum of `system` driven by white noise, causal or not.
 
     For Remark 2 give P^-1 H: `noise_of(plant.inverse() * shaping)`. Only |P^-1 H|^2 matters, so
@@ -65,9 +68,8 @@ def noise_of(system: Zpk, variance: float = 1.0, order: int = 60, n_grid: int = 
     """
     if order < 1:
         raise InputError(f"noise_of: order = {order} must be 1 or more")
+    refuse_unit_circle(system, "noise_of: the system")
     spectrum = np.abs(system.at(np.exp(2j * np.pi * np.arange(n_grid // 2 + 1) / n_grid))) ** 2
-    if not np.all(np.isfinite(spectrum)):
-        raise InputError("noise_of: the system has a pole on the unit circle; its noise has no variance")
     covariance = variance * np.fft.irfft(spectrum, n_grid)
     a = scipy.linalg.solve_toeplitz(covariance[:order], -covariance[1 : order + 1])
     return NoiseModel(np.append(1.0, a), float(covariance[0] + a @ covariance[1 : order + 1]))

@@ -217,7 +217,13 @@ def backward_regression(
     whole = np.concatenate([front, y, back])
     offset = lead + len(front)  # index in `whole` of target sample 0
     return Regression(
-        whole[offset + first - n_c : offset + last + n_ac], r[first:last], n_ac, n_c, first, n, edges
+        whole[offset + first - n_c : offset + last + n_ac],
+        r[first:last],
+        n_ac,
+        n_c,
+        first,
+        n,
+        edges,
     )
 
 

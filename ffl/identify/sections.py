@@ -107,15 +107,11 @@ def _cosh_sinhc(x: float) -> tuple[float, float]:
     if abs(x) < 1e-6:
         return 1.0 + x / 2.0 + x * x / 24.0, 1.0 + x / 6.0 + x * x / 120.0
     root = np.sqrt(abs(x))
-    return (
-        (np.cosh(root), np.sinh(root) / root) if x > 0 else (np.cos(root), np.sin(root) / root)
-    )
+    return (np.cosh(root), np.sinh(root) / root) if x > 0 else (np.cos(root), np.sin(root) / root)
 
 
 def _pair_matrix(k1: float, k2: float, c1: float, c2: float) -> Array:
-    return np.array(
-        [[-k1, -c1 * k2, c1 * c2], [c1, -k1 * k2, k1 * c2], [0.0, c2, k2]]
-    )
+    return np.array([[-k1, -c1 * k2, c1 * c2], [c1, -k1 * k2, k1 * c2], [0.0, c2, k2]])
 
 
 def _pair_slope(k1: float, k2: float, c1: float, c2: float, dk1: float, dk2: float) -> Array:
@@ -144,7 +140,9 @@ def sections_of(poles: Sequence[complex]) -> tuple[Section, ...]:
             chain.append(RealPole.at(pole.real))
     n_given, n_made = len(np.atleast_1d(poles)), sum(len(s.poles) for s in chain)
     if n_given != n_made:
-        raise InputError(f"{n_given} poles make {n_made} with their conjugates; write pairs in full")
+        raise InputError(
+            f"{n_given} poles make {n_made} with their conjugates; write pairs in full"
+        )
     return tuple(chain)
 
 

@@ -54,6 +54,10 @@ class Sum(Kernel):
         return np.concatenate([term.coordinates for term in self.terms])
 
     @property
+    def starts(self) -> list[Array]:
+        return _one_at_a_time(self.terms)
+
+    @property
     def bounds(self) -> list[tuple[float, float]]:
         return [bound for term in self.terms for bound in term.bounds]
 
@@ -77,6 +81,14 @@ class Sum(Kernel):
         return Factor(
             np.hstack([part.columns for part in parts]), np.concatenate([p.flat for p in parts])
         )
+
+    def tangents(self, lags: Array, coefficients: Array) -> Array:
+        parts, start = [], 0
+        for term in self.terms:
+            stop = start + term.factor(lags).columns.shape[1]
+            parts.append(term.tangents(lags, coefficients[start:stop]))
+            start = stop
+        return np.hstack(parts)
 
     def gradient(self, lags: Array, slope: Slope) -> Array:
         gradients, start = [], 0
@@ -108,6 +120,10 @@ class Product(Kernel):
         return np.concatenate([self.first.coordinates, self.second.coordinates])
 
     @property
+    def starts(self) -> list[Array]:
+        return _one_at_a_time((self.first, self.second))
+
+    @property
     def bounds(self) -> list[tuple[float, float]]:
         return self.first.bounds + self.second.bounds
 
@@ -127,6 +143,16 @@ class Product(Kernel):
         one = _Weighted(dense * self.second.matrix(lags), self.first, lags)
         two = _Weighted(dense * self.first.matrix(lags), self.second, lags)
         return np.concatenate([self.first.gradient(lags, one), self.second.gradient(lags, two)])
+
+
+def _one_at_a_time(parts: tuple[Kernel, ...]) -> list[Array]:
+    """Starts of one part, the others held where they are."""
+    present = [part.coordinates for part in parts]
+    starts = [np.concatenate(present)]
+    for i, part in enumerate(parts):
+        for start in part.starts[1:]:
+            starts.append(np.concatenate([*present[:i], start, *present[i + 1 :]]))
+    return starts
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,11 @@ class Kernel(ABC):
         """
         return np.full(len(self.names), np.inf)
 
+    @property
+    def starts(self) -> list[Array]:
+        """Coordinates from which a search may start: the present ones, and others worth a look."""
+        return [self.coordinates]
+
     @abstractmethod
     def at(self, coordinates: Array) -> Self:
         """The same kernel with its learned hyperparameters moved there."""
@@ -76,6 +81,14 @@ class Kernel(ABC):
     @abstractmethod
     def gradient(self, lags: Array, slope: Slope) -> Array:
         """dL/dcoordinates for a scalar L with dL/dD = slope."""
+
+    def tangents(self, lags: Array, coefficients: Array) -> Array:
+        """Derivative of theta = B c by every coordinate, c held, shape (n, n_coordinates).
+
+        Zero for hyperparameters that only weigh; not for those that move functions, as poles do.
+        Their uncertainty is part of the posterior's, and tells how the evidence is curved.
+        """
+        return np.zeros((len(lags), len(self.names)))
 
     def factor(self, lags: Array) -> Factor:
         """Low-rank factor by pivoted Cholesky, to 1e-14 of the largest variance. O(n p^2)."""
@@ -122,8 +135,8 @@ class Decaying(Kernel):
         b(k) = decay_anticausal^(peak - k)    for k <  peak
 
     `side` "causal" keeps k >= peak, "anticausal" k <= peak, "both" everything; outside, D = 0.
-    Source: 2025 Bayesian paper, equation (10), with the peak made free. Hyperparameters in `fixed`
-    are not learned.
+    Source: 2025 Bayesian paper, equation (10), with the peak made free; how taps on different sides
+    correlate is the kernel's affair. Hyperparameters in `fixed` are not learned.
     """
 
     scale: float = 1.0
@@ -161,6 +174,18 @@ class Decaying(Kernel):
     def bounds(self) -> list[tuple[float, float]]:
         return [BOUNDS.get(name, DECAY_BOUNDS) for name in self.names]
 
+    @property
+    def starts(self) -> list[Array]:
+        """The present decays, then short to long memory, equal on both sides."""
+        starts = [self.coordinates]
+        for decay in (0.5, 0.8, 0.95, 0.99):
+            start = self.coordinates.copy()
+            for i, name in enumerate(self.names):
+                if name.startswith("decay"):
+                    start[i] = _to_coordinate(name, decay)
+            starts.append(start)
+        return starts
+
     def at(self, coordinates: Array) -> Self:
         moved = {
             name: _from_coordinate(name, float(value))
@@ -184,6 +209,11 @@ class Decaying(Kernel):
             # the coordinate is log(-log decay), whose derivative of log decay is log decay itself
             slopes[name] = np.where(part, log_decay * np.abs(ahead) * b, 0.0)
         return b, slopes
+
+    def _same_side(self, lags: Array) -> NDArray[np.bool_]:
+        """True where k and k' lie on one side of the peak, which belongs to both sides."""
+        ahead = np.asarray(lags, float) - self.peak
+        return np.multiply.outer(np.sign(ahead), np.sign(ahead)) >= 0
 
     @abstractmethod
     def _slopes(self, lags: Array) -> dict[str, Array]:

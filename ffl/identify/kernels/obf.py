@@ -55,7 +55,9 @@ class OBF(Kernel):
         """From poles inside and outside the unit circle, pairs in full, cycled `repeat` times."""
         beyond = np.atleast_1d(np.asarray(outside, complex))
         if beyond.size and np.abs(beyond).min() <= 1.0:
-            raise InputError("OBF kernel: `outside` holds a pole that is not outside the unit circle")
+            raise InputError(
+                "OBF kernel: `outside` holds a pole that is not outside the unit circle"
+            )
         reflected = 1.0 / beyond.conj() if beyond.size else beyond
         inside, reflections = sections_of(poles) * repeat, sections_of(reflected) * repeat
         return cls(inside, reflections, direct, scale, learn_poles, pole_spread)
@@ -145,6 +147,14 @@ class OBF(Kernel):
     def matrix(self, lags: Array) -> Array:
         columns = self.factor(lags).columns
         return columns @ columns.T
+
+    def tangents(self, lags: Array, coefficients: Array) -> Array:
+        if not self.learn_poles:
+            return np.zeros((len(lags), 1))
+        moved = np.sqrt(self.scale) * np.tensordot(
+            self.basis(lags)[1], coefficients, axes=([2], [0])
+        )
+        return np.column_stack([np.zeros(len(lags)), moved.T])
 
     def gradient(self, lags: Array, slope: Slope) -> Array:
         own = slope.own()

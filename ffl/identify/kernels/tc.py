@@ -1,4 +1,4 @@
-"""Tuned/correlated kernel (first-order stable spline)."""
+"""Tuned/correlated kernel (first-order stable spline), two-sided."""
 
 from __future__ import annotations
 
@@ -11,26 +11,24 @@ from ffl.identify.kernels.base import Array, Decaying
 
 @dataclass(frozen=True)
 class TC(Decaying):
-    """D(k, k') = scale min(b(k), b(k')): Brownian motion in the warped time b.
+    """D(k, k') = scale min(b(k), b(k')) on one side of the peak, scale b(k) b(k') across it.
 
-    On one side it is scale decay^max(k, k') as in Chen, Ohlsson and Ljung (2012); the two sides
-    meet at the peak and share what is slow.
+    Brownian motion in the warped time b on either side (Chen, Ohlsson and Ljung, 2012: on one side
+    scale decay^max(k, k')), the sides independent given the tap at the peak.
     """
 
     def matrix(self, lags: Array) -> Array:
         b, _ = self._envelope(lags)
-        return self.scale * np.minimum.outer(b, b)
+        same = self._same_side(lags)
+        return self.scale * np.where(same, np.minimum.outer(b, b), np.outer(b, b))
 
     def _slopes(self, lags: Array) -> dict[str, Array]:
         b, slopes = self._envelope(lags)
-        row_smaller = b[:, None] < b[None, :]
-        tie = b[:, None] == b[None, :]
-        return {
-            name: self.scale
-            * np.where(
-                tie,
-                0.5 * (d[:, None] + d[None, :]),
-                np.where(row_smaller, d[:, None], d[None, :]),
-            )
-            for name, d in slopes.items()
-        }
+        same = self._same_side(lags)
+        row_smaller = b[:, None] <= b[None, :]  # on one side a tie is the diagonal only
+        result = {}
+        for name, d in slopes.items():
+            within = np.where(row_smaller, d[:, None], d[None, :])
+            across = np.outer(d, b) + np.outer(b, d)
+            result[name] = self.scale * np.where(same, within, across)
+        return result
