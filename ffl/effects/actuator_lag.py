@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import MEAN, SLOPE, STEP
@@ -61,6 +60,8 @@ class ActuatorLag(Effect):
         """(lagged u - u)/tau for the time constant `shape`; its coefficient is the time constant."""
         shape = nonlinear["shape"]
         decay = np.exp(-motion.sample_time / shape)
+        from scipy.signal import lfilter  # half a second to import
+
         lagged = lfilter([0.0, 1.0 - decay], [1.0, -decay], motion.u - motion.u[0]) + motion.u[0]
         share = (1.0 - decay) * shape / motion.sample_time  # mean over the held sample
         mean = motion.u + (lagged - motion.u) * share

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
@@ -62,6 +61,8 @@ class FlexibleMode(Effect):
         )
         z = np.exp(root * motion.sample_time)
         denominator = np.array([1.0, -2.0 * z.real, abs(z) ** 2])
+        from scipy.signal import lfilter  # half a second to import
+
         held = lfilter([0.5 * denominator.sum()] * 2, denominator, motion.a)
         return np.column_stack([motion.mass * (motion.a - held)])
 
