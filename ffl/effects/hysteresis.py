@@ -29,12 +29,10 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
             low = force
         share = 1.0 - abs(z1) ** p[2]  # slope of z along the motion, near enough for Newton
         following = force - error / (1.0 + p[0] / p[1] * gx * share)
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        done = abs(following - force) <= 1e-12 * p[0]
-        force = following
-        if done:
+        if abs(following - force) <= 1e-12 * p[0]:
+            force = following
             break
+        force = following if low < following < high else 0.5 * (low + high)
     s[1] = force
     set_line(io, start, force)
 

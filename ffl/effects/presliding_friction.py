@@ -48,12 +48,10 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         else:
             low = force
         following = force - error / (1.0 - min(rate, 0.0))
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        done = abs(following - force) <= 1e-12 * p[0]
-        force = following
-        if done:
+        if abs(following - force) <= 1e-12 * p[0]:
+            force = following
             break
+        force = following if low < following < high else 0.5 * (low + high)
     s[2] = force
     set_line(io, s[1], force)
 

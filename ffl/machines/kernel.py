@@ -57,13 +57,14 @@ def call_law(typingctx, address, p, at_p, s, at_s, io):  # type: ignore[no-untyp
 def run_loop(signals, plant, points, controller, sensor, effects, state, out):  # type: ignore[no-untyped-def]
     """Runs the loop over all samples; the last state is left in `state`.
 
-    signals (4, N): reference, feedforward, force beside the command, sensor noise. Sample by sample:
+    signals, each (N,): reference, feedforward, force beside the command, sensor noise, force at the last
+    point (straight between samples; none where it has length 0). Sample by sample:
     y = sensor(C x + D u + noise) rounded to the encoder, u = clip(C_r r - C_y y + f), and over the
     `substeps` of the sample the command effects, the free response of the linear part, and the
     forces of all effects, solved together by Gauss-Seidel sweeps (each law solves for its own force
     with the others' held).
     """
-    reference, feedforward, disturbance, noise = signals
+    reference, feedforward, disturbance, noise, applied = signals
     a, b, b_slope, c, feedthrough, bias, fast_a, fast_b, fast_c, delay, h, substeps, t0 = plant
     rows_x, rows_v, e, e_slope, gx, gv, gx_slope, gv_slope = points
     ca, cb, cc, cd = controller
@@ -129,7 +130,7 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
         if delay > 0:
             u, ring[k % delay] = ring[k % delay], u
         # --- move --------------------------------------------------------------------------------
-        x_out[k], v_out[k] = x0[0], v0[0]
+        x_out[k], v_out[k] = x0, v0
         driven = 0.0
         for sub in range(substeps):
             io[TIME] = time + sub * h
@@ -147,6 +148,13 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
                 for q in range(n):
                     value += a[i, q] * x[q]
                 following[i] = value
+            if len(applied) > 0:
+                rise = (applied[min(k + 1, samples - 1)] - applied[k]) / substeps
+                push = applied[k] + (sub + 0.5) * rise
+                for i in range(n):
+                    following[i] += (
+                        e[i, n_points - 1] * push + e_slope[i, n_points - 1] * 0.5 * rise
+                    )
             for w in range(n_points):
                 x1[w], v1[w] = 0.0, 0.0
                 for i in range(n):
@@ -211,5 +219,5 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
             xf[i] = fast_following[i]
         if not abs(y) < DIVERGED:
             for q in range(k, samples):
-                y_out[q] = u_out[q] = x_out[q] = v_out[q] = np.nan
+                y_out[q], u_out[q], x_out[q], v_out[q] = np.nan, np.nan, np.nan, np.nan
             break

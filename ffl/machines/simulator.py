@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,19 +10,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ffl.effects import Effect, Setting, effect_of
-from ffl.effects.base import Law
-from ffl.effects.law import address_of
-from ffl.effects.mechanics import Mechanics, Point
+from ffl.effects import Motion
+from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import mechanics_of
 from ffl.errors import InputError
-from ffl.machines.kernel import PORTS, run_loop
+from ffl.machines.kernel import run_loop
+from ffl.machines.program import Compiler, Side
 from ffl.systems.loop import closed_loop
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array, StateSpace
-
-STEP_ANGLE = 0.3  # a sub-step is short enough for the stiffest effect to turn by less (rad)
-MOST_SUBSTEPS = 64
 
 
 @dataclass(frozen=True)
@@ -34,16 +31,36 @@ class Simulation:
     Where the simulation diverged, the rest of the samples is NaN.
     """
 
+    t: Array
+    r: Array
     y: Array
     u: Array
-    x: Array
-    v: Array
     contribution: Array
     end: Array
+    sides: tuple[Side, ...]
+    positions: Array
+    velocities: Array
+    mass: float
+
+    @property
+    def x(self) -> Array:
+        return self.positions[:, 0]
+
+    @property
+    def v(self) -> Array:
+        return self.velocities[:, 0]
 
     @property
     def diverged(self) -> bool:
         return bool(np.isnan(self.y[-1])) if len(self.y) else False
+
+    def motion(self, side: str = "sensor", mass_ratio: float | None = None) -> Motion:
+        """Motion of a side that an effect acted on or that the run was told to watch."""
+        k = self.sides.index((side, mass_ratio))
+        v = np.ascontiguousarray(self.velocities[:, k])
+        step = float(self.t[1] - self.t[0])
+        a = np.gradient(v, step)
+        return Motion(self.t, self.r, self.u, self.positions[:, k].copy(), v, a, step, self.mass)
 
 
 class Simulator:
@@ -69,7 +86,14 @@ class Simulator:
         else:
             closed_loop(plant.system, plant.controller)  # refuses an algebraic loop
             self.controller = plant.controller.state_space
-        self._prepared: dict[tuple[object, ...], _Discrete] = {}
+        self._compiler = Compiler(plant, self.mechanics)
+
+    def with_mechanics(self, mechanics: Mechanics) -> Simulator:
+        """The same controller around another linear part that has the same states."""
+        other = copy.copy(self)
+        other.mechanics = mechanics
+        other._compiler = Compiler(self.plant, mechanics)
+        return other
 
     @property
     def n_plant(self) -> int:
@@ -124,44 +148,39 @@ class Simulator:
         command_limit: float | None = None,
         encoder_resolution: float = 0.0,
         substeps: int | None = None,
+        watch: Sequence[Side] = (),
+        applied: tuple[ArrayLike, Side] | None = None,
     ) -> Simulation:
         """u = C_r r - C_y y + f, y = P (u + force), with `effects`; open loop: u = f.
 
         `reference`, `feedforward`, `force` (beside u, in input units: known load, force noise) and
-        `noise` (added to the measured y) are (N,) or None for zero. Deterministic. Raises
+        `noise` (added to the measured y) are (N,) or None for zero. `applied` is a force (input
+        units, straight between samples) and the side (name, mass_ratio) on which it acts; `watch`
+        are sides whose motion is wanted. Deterministic. Raises
         `InputError` for signals of unequal length and for effects that do not apply to the plant.
         """
-        lengths = {
-            len(np.atleast_1d(s)) for s in (reference, feedforward, force, noise) if s is not None
-        }
-        if len(lengths) != 1:
-            raise InputError(
-                f"simulate: signals of lengths {sorted(lengths)}; give at least one signal, all of "
-                "one length"
-            )
-        n = lengths.pop()
-        signals = np.zeros((4, n))
-        for row, signal in zip(signals, (reference, feedforward, force, noise), strict=True):
-            if signal is not None:
-                row[:] = signal
-        program = self._program(effects, substeps)
+        signals = _signals(reference, feedforward, force, noise, applied and applied[0])
+        n = len(signals[0])
+        wanted = [*watch, applied[1]] if applied else list(watch)
+        program = self._compiler.compile(effects, substeps, wanted, last=bool(applied))
         delay = self.mechanics.delay
-        if delay and force is not None:  # the force enters with the command it stands beside
-            signals[2] = np.concatenate([np.zeros(min(delay, n)), signals[2][: max(0, n - delay)]])
+        if delay:  # the force enters with the command it stands beside
+            signals[2][:] = np.concatenate(
+                [np.zeros(min(delay, n)), signals[2][: max(0, n - delay)]]
+            )
         state = self._split_state(start, program.mechanics)
-        out = (*np.empty((4, n)), np.zeros((n, len(program.addresses))))
-        m = program.mechanics
-        d = program.discrete
+        m, d = program.mechanics, program.discrete
+        positions, velocities = np.empty((2, n, len(d.rows_x)))
+        out = (*np.empty((2, n)), positions, velocities, np.zeros((n, len(program.addresses))))
         run_loop(
-            signals,
+            tuple(signals),
             (d.a, d.b, d.b_slope, m.c, m.d, d.bias, m.fast.a, m.fast.b[:, 0], m.fast.c[0],
              delay, d.step, d.substeps, float(start_time)),
             (d.rows_x, d.rows_v, d.e, d.e_slope, d.gx, d.gv, d.gx_slope, d.gv_slope),
             (self.controller.a, self.controller.b, self.controller.c, self.controller.d),
             (float(encoder_resolution), float(command_limit or np.inf)),
-            (program.addresses, program.ports, program.where, program.remembers,
-             program.at_p, program.at_s,
-             program.p, program.s.copy()),
+            (program.addresses, program.ports, program.where, program.remembers, program.at_p,
+             program.at_s, program.p, program.s.copy()),
             state,
             out,
         )  # fmt: skip
@@ -169,7 +188,35 @@ class Simulator:
         contribution[:, program.index] = out[4]
         ring = np.roll(state[2], -(n % delay)) if delay else state[2]
         end = np.concatenate([state[0][: self.mechanics.order], state[1], ring, state[3]])
-        return Simulation(out[0], out[1], out[2], out[3], contribution, end)
+        t = start_time + self.plant.sample_time * np.arange(n)
+        return Simulation(
+            t, signals[0], out[0], out[1], contribution, end, program.sides, positions, velocities,
+            m.moving_mass * self.force_per_input if m.modes else 0.0,
+        )  # fmt: skip
+
+    def substeps(self, effects: Sequence[EffectSpec]) -> int:
+        """Sub-steps per sample that `run` would choose; hold it fixed while parameters are varied a
+        little, or a step in it shows as a step in the result (of the size of the error, 1e-5)."""
+        return self._compiler.compile(effects).discrete.substeps
+
+    def respond(
+        self, port: str, signal: ArrayLike, side: str = "sensor", mass_ratio: float | None = None
+    ) -> Array:
+        """Response of y to a signal that enters the linear loop at an effect's `port`, from rest.
+
+        'force' in newton where the motor constant is known, at `side`; 'command' in input units;
+        'output' in output units. One run per column for a signal of shape (N, k). With an effect's
+        `regressors` this is its first-order contribution to y.
+        """
+        columns = np.asarray(signal, float)
+        if columns.ndim == 2:
+            each = [self.respond(port, column, side, mass_ratio) for column in columns.T]
+            return np.column_stack(each) if each else columns
+        if port == "command":
+            return self.run((), force=columns).y
+        if port == "output":
+            return self.run((), noise=columns).y
+        return self.run((), applied=(columns / self.force_per_input, (side, mass_ratio))).y
 
     def _split_state(
         self, start: ArrayLike | None, mechanics: Mechanics
@@ -185,74 +232,6 @@ class Simulator:
         x, fast, ring, controller = np.split(vector, cuts)
         x = np.concatenate([x, mechanics.hung @ x]) if mechanics.order > n else x
         return x.copy(), fast.copy(), ring.copy(), controller.copy()
-
-    def _program(self, effects: Sequence[EffectSpec], substeps: int | None) -> _Program:
-        catalogue = [effect_of(spec) for spec in effects]
-        checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
-        mechanics, changes = self.mechanics, []
-        for effect, spec, values in zip(catalogue, effects, checked, strict=True):
-            changed = effect.modify(mechanics, values, self._setting(mechanics, spec))
-            if changed is not mechanics:
-                mechanics = changed
-                changes.append((spec.name, repr(values), repr(spec.options)))
-        sides: dict[tuple[str, float | None], int] = {("sensor", None): 0}
-        actors: list[_Actor] = []
-        for index, (effect, spec, values) in enumerate(
-            zip(catalogue, effects, checked, strict=True)
-        ):
-            setting = self._setting(mechanics, spec)
-            law = effect.law_in(setting)
-            if law is None:
-                continue
-            key = (effect.side_in(setting), setting.mass_ratio)
-            where = sides.setdefault(key, len(sides))
-            packed = effect.pack(values, setting)
-            actors.append(_Actor(index, effect, effect.port_in(setting), where, law, packed))
-        points = [mechanics.point(*key) for key in sides]
-        if substeps is None:
-            substeps = self._substeps(actors, points)
-        key_of_all = (*changes, *sides, substeps)
-        discrete = self._prepared.get(key_of_all)
-        if discrete is None:
-            discrete = _discretise(mechanics, points, substeps)
-            if not changes:
-                self._prepared[key_of_all] = discrete
-        states = [actor.effect.initial_state(actor.packed, discrete.step) for actor in actors]
-        return _Program(
-            mechanics,
-            discrete,
-            np.array([actor.index for actor in actors], np.int64),
-            np.array([address_of(actor.law) for actor in actors], np.int64),
-            np.array([PORTS[actor.port] for actor in actors], np.int64),
-            np.array([actor.where for actor in actors], np.int64),
-            np.array([actor.effect.remembers for actor in actors], np.bool_),
-            _offsets([actor.packed for actor in actors]),
-            _offsets(states),
-            np.array([value for actor in actors for value in actor.packed] or [0.0]),
-            np.array([value for values in states for value in values] or [0.0]),
-        )
-
-    def _setting(self, mechanics: Mechanics, spec: EffectSpec) -> Setting:
-        return Setting(self.force_per_input, mechanics, spec.options)
-
-    def _substeps(self, actors: Sequence[_Actor], points: Sequence[Point]) -> int:
-        """Sub-steps of a sample in which the stiffest force turns by at most STEP_ANGLE."""
-        stiffest = 0.0
-        for actor in actors:
-            if actor.port == "force":
-                mobility = points[actor.where].mobility
-                self._require_mobility(mobility, actor.effect.name)
-                stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * mobility)
-        angle = np.sqrt(stiffest) * self.plant.sample_time
-        return int(np.clip(np.ceil(angle / STEP_ANGLE), 1, MOST_SUBSTEPS))
-
-    def _require_mobility(self, mobility: float, name: str) -> None:
-        if not mobility > 0:
-            raise InputError(
-                f"effect {name}: plant {self.plant.name} has no moving mass at that point (its output "
-                "is not the position of a driven mass there); choose another side, or an effect on "
-                "the command or the sensor"
-            )
 
 
 def simulate(
@@ -274,78 +253,16 @@ def simulate(
     )
 
 
-@dataclass(frozen=True)
-class _Discrete:
-    """Matrices of one sub-step; `_slope` is the response to the line 2 s/h - 1."""
-
-    a: Array
-    b: Array
-    b_slope: Array
-    bias: Array
-    rows_x: Array
-    rows_v: Array
-    e: Array
-    e_slope: Array
-    gx: Array
-    gv: Array
-    gx_slope: Array
-    gv_slope: Array
-    step: float
-    substeps: int
-
-
-@dataclass(frozen=True)
-class _Actor:
-    """An effect that acts in the kernel."""
-
-    index: int
-    effect: Effect
-    port: str
-    where: int
-    law: Law
-    packed: list[float]
-
-
-@dataclass(frozen=True)
-class _Program:
-    mechanics: Mechanics
-    discrete: _Discrete
-    index: Array
-    addresses: Array
-    ports: Array
-    where: Array
-    remembers: Array
-    at_p: Array
-    at_s: Array
-    p: Array
-    s: Array
-
-
-def _offsets(parts: Sequence[Sequence[float]]) -> Array:
-    return np.cumsum([0, *[len(part) for part in parts[:-1]]]).astype(np.int64)[: len(parts)]
-
-
-def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> _Discrete:
-    """exp of [[A, B, 0], [0, 0, I/h], [0, 0, 0]] h: responses to constant and to straight inputs."""
-    n, h = m.order, m.sample_time / substeps
-    inputs = np.column_stack([m.b, *[p.force for p in points], *[p.force for p, _ in m.bias]])
-    k = inputs.shape[1]
-    block = np.zeros((n + 2 * k, n + 2 * k))
-    block[:n, :n], block[:n, n : n + k] = m.a * h, inputs * h
-    block[n : n + k, n + k :] = np.eye(k)
-    exponential = scipy.linalg.expm(block)
-    a, level = exponential[:n, :n], exponential[:n, n : n + k]
-    slope = 2.0 * exponential[:n, n + k :] - level  # the ramp s/h enters as its own integral
-    if m.exact is not None and substeps == 1:
-        a, level = m.exact.a, np.column_stack([m.exact.b[:, 0], level[:, 1:]])
-    count = len(points)
-    forces, bias = level[:, 1 : 1 + count], level[:, 1 + count :]
-    e_slope = slope[:, 1 : 1 + count]
-    rows_x = np.array([p.position for p in points]).reshape(count, n)
-    rows_v = np.array([p.velocity for p in points]).reshape(count, n)
-    constant = bias @ np.array([f for _, f in m.bias]) if m.bias else np.zeros(n)
-    pieces = (
-        a, level[:, 0], slope[:, 0], constant, rows_x, rows_v, forces, e_slope,
-        rows_x @ forces, rows_v @ forces, rows_x @ e_slope, rows_v @ e_slope,
-    )  # fmt: skip
-    return _Discrete(*(np.ascontiguousarray(piece) for piece in pieces), h, substeps)
+def _signals(*signals: ArrayLike | None) -> list[Array]:
+    """Reference, feedforward, force, noise of one length, zero where absent; applied force as it is
+    or of length 0."""
+    lengths = {len(np.atleast_1d(s)) for s in signals if s is not None}
+    if len(lengths) != 1:
+        raise InputError(
+            f"simulate: signals of lengths {sorted(lengths)}; give at least one signal, all of one "
+            "length"
+        )
+    n = lengths.pop()
+    *four, applied = signals
+    rows = [np.zeros(n) if s is None else np.array(s, float) for s in four]
+    return [*rows, np.zeros(0) if applied is None else np.array(applied, float)]

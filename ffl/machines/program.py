@@ -1,0 +1,190 @@
+"""From a set of effects to what the kernel runs: laws, parameters, states, sub-step matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from ffl.effects import Effect, Setting, effect_of
+from ffl.effects.base import Law
+from ffl.effects.law import address_of
+from ffl.effects.mechanics import Mechanics, Point
+from ffl.errors import InputError
+from ffl.machines.kernel import PORTS
+from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
+
+STEP_ANGLE = 0.3  # a sub-step is short enough for the stiffest effect to turn by less (rad)
+MOST_SUBSTEPS = 64
+
+Side = tuple[str, float | None]
+
+
+class Compiler:
+    """Compiles effects for one plant; matrices of unchanged linear parts are kept."""
+
+    def __init__(self, plant: Plant, mechanics: Mechanics) -> None:
+        self._plant = plant
+        self._mechanics = mechanics
+        self._force_per_input = plant.physics.motor_constant or 1.0
+        self._prepared: dict[tuple[object, ...], Discrete] = {}
+
+    def compile(
+        self,
+        effects: Sequence[EffectSpec],
+        substeps: int | None = None,
+        watch: Sequence[Side] = (),
+        last: bool = False,
+    ) -> Program:
+        """Everything the kernel needs; with `last`, the last watched side gets a point at the end."""
+        catalogue = [effect_of(spec) for spec in effects]
+        checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
+        mechanics, changes = self._mechanics, []
+        for effect, spec, values in zip(catalogue, effects, checked, strict=True):
+            changed = effect.modify(mechanics, values, self._setting(mechanics, spec))
+            if changed is not mechanics:
+                mechanics = changed
+                changes.append((spec.name, repr(values), repr(spec.options)))
+        sides: dict[Side, int] = {("sensor", None): 0}
+        actors: list[_Actor] = []
+        for index, (effect, spec, values) in enumerate(
+            zip(catalogue, effects, checked, strict=True)
+        ):
+            setting = self._setting(mechanics, spec)
+            law = effect.law_in(setting)
+            if law is None:
+                continue
+            key = (effect.side_in(setting), setting.mass_ratio)
+            where = sides.setdefault(key, len(sides))
+            packed = effect.pack(values, setting)
+            actors.append(_Actor(index, effect, effect.port_in(setting), where, law, packed))
+        for key in watch:
+            sides.setdefault(key, len(sides))
+        keys = [*sides, watch[-1]] if last else list(sides)
+        points = [mechanics.point(*key) for key in keys]
+        needed = self._substeps(actors, points)
+        substeps = needed if substeps is None else substeps
+        key_of_all = (*changes, *keys, substeps)
+        discrete = self._prepared.get(key_of_all)
+        if discrete is None:
+            discrete = _discretise(mechanics, points, substeps)
+            if not changes:
+                self._prepared[key_of_all] = discrete
+        states = [actor.effect.initial_state(actor.packed, discrete.step) for actor in actors]
+        return Program(
+            mechanics,
+            discrete,
+            tuple(keys),
+            np.array([actor.index for actor in actors], np.int64),
+            np.array([address_of(actor.law) for actor in actors], np.int64),
+            np.array([PORTS[actor.port] for actor in actors], np.int64),
+            np.array([actor.where for actor in actors], np.int64),
+            np.array([actor.effect.remembers for actor in actors], np.bool_),
+            _offsets([actor.packed for actor in actors]),
+            _offsets(states),
+            np.array([value for actor in actors for value in actor.packed] or [0.0]),
+            np.array([value for values in states for value in values] or [0.0]),
+        )
+
+    def _setting(self, mechanics: Mechanics, spec: EffectSpec) -> Setting:
+        return Setting(self._force_per_input, mechanics, spec.options)
+
+    def _substeps(self, actors: Sequence[_Actor], points: Sequence[Point]) -> int:
+        """Sub-steps of a sample in which the stiffest force turns by at most STEP_ANGLE."""
+        stiffest = 0.0
+        for actor in actors:
+            if actor.port != "force":
+                continue
+            mobility = points[actor.where].mobility
+            if not mobility > 0:
+                raise InputError(
+                    f"effect {actor.effect.name}: plant {self._plant.name} has no moving mass at that "
+                    "point (its output is not the position of a driven mass there); choose another "
+                    "side, or an effect on the command or the sensor"
+                )
+            stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * mobility)
+        angle = np.sqrt(stiffest) * self._plant.sample_time
+        return int(np.clip(np.ceil(angle / STEP_ANGLE), 1, MOST_SUBSTEPS))
+
+
+@dataclass(frozen=True)
+class Discrete:
+    """Matrices of one sub-step; `_slope` is the response to the line 2 s/h - 1."""
+
+    a: Array
+    b: Array
+    b_slope: Array
+    bias: Array
+    rows_x: Array
+    rows_v: Array
+    e: Array
+    e_slope: Array
+    gx: Array
+    gv: Array
+    gx_slope: Array
+    gv_slope: Array
+    step: float
+    substeps: int
+
+
+@dataclass(frozen=True)
+class _Actor:
+    """An effect that acts in the kernel."""
+
+    index: int
+    effect: Effect
+    port: str
+    where: int
+    law: Law
+    packed: list[float]
+
+
+@dataclass(frozen=True)
+class Program:
+    """What the kernel runs: laws by address, where they act, their packed parameters and states."""
+
+    mechanics: Mechanics
+    discrete: Discrete
+    sides: tuple[Side, ...]
+    index: Array
+    addresses: Array
+    ports: Array
+    where: Array
+    remembers: Array
+    at_p: Array
+    at_s: Array
+    p: Array
+    s: Array
+
+
+def _offsets(parts: Sequence[Sequence[float]]) -> Array:
+    return np.cumsum([0, *[len(part) for part in parts[:-1]]]).astype(np.int64)[: len(parts)]
+
+
+def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> Discrete:
+    """exp of [[A, B, 0], [0, 0, I/h], [0, 0, 0]] h: responses to constant and to straight inputs."""
+    n, h = m.order, m.sample_time / substeps
+    inputs = np.column_stack([m.b, *[p.force for p in points], *[p.force for p, _ in m.bias]])
+    k = inputs.shape[1]
+    block = np.zeros((n + 2 * k, n + 2 * k))
+    block[:n, :n], block[:n, n : n + k] = m.a * h, inputs * h
+    block[n : n + k, n + k :] = np.eye(k)
+    exponential = scipy.linalg.expm(block)
+    a, level = exponential[:n, :n], exponential[:n, n : n + k]
+    slope = 2.0 * exponential[:n, n + k :] - level  # the ramp s/h enters as its own integral
+    if m.exact is not None and substeps == 1:
+        a, level = m.exact.a, np.column_stack([m.exact.b[:, 0], level[:, 1:]])
+    count = len(points)
+    forces, bias = level[:, 1 : 1 + count], level[:, 1 + count :]
+    e_slope = slope[:, 1 : 1 + count]
+    rows_x = np.array([p.position for p in points]).reshape(count, n)
+    rows_v = np.array([p.velocity for p in points]).reshape(count, n)
+    constant = bias @ np.array([f for _, f in m.bias]) if m.bias else np.zeros(n)
+    pieces = (
+        a, level[:, 0], slope[:, 0], constant, rows_x, rows_v, forces, e_slope,
+        rows_x @ forces, rows_v @ forces, rows_x @ e_slope, rows_v @ e_slope,
+    )  # fmt: skip
+    return Discrete(*(np.ascontiguousarray(piece) for piece in pieces), h, substeps)

@@ -1,0 +1,99 @@
+"""Stick-slip done properly: standstill, breakaway, energy."""
+
+import numpy as np
+import pytest
+from cases import ORACLE, STAGE, reference
+
+from ffl.machines import Simulator
+from ffl.systems.plant import EffectSpec
+
+DRY = (
+    "coulomb_friction",
+    "asymmetric_friction",
+    "stribeck_friction",
+    "position_dependent_friction",
+)
+OPEN = Simulator(STAGE, open_loop=True)
+CLOSED = Simulator(STAGE)
+
+
+def spec(name):
+    return EffectSpec(name, ORACLE[name][0])
+
+
+@pytest.mark.parametrize("name", DRY)
+def test_no_motion_at_all_below_the_static_level(name):
+    force = 1.9 * np.sin(np.arange(2000) * 0.01)
+    run = OPEN.run([spec(name)], None, force)
+    assert np.abs(run.x).max() < 1e-18
+    assert np.abs(run.v).max() < 1e-15
+    assert np.allclose(run.contribution[:, 0], -force, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [("coulomb_friction", 5.0), ("asymmetric_friction", 5.0), ("stribeck_friction", 6.0)],
+)
+def test_breaks_away_where_the_force_exceeds_the_static_level(name, level):
+    ramp = np.linspace(0.0, 10.0, 1001)
+    run = OPEN.run([spec(name)], None, ramp)
+    first = int(np.argmax(run.v > 1e-12))
+    assert ramp[first - 2] <= level < ramp[first]
+
+
+@pytest.mark.parametrize("name", DRY)
+def test_comes_to_rest_and_stays_without_chatter(name):
+    push = np.where(np.arange(600) < 50, 20.0, 0.0)
+    run = OPEN.run([spec(name)], None, push)
+    assert run.v.max() > 0.1
+    rest = run.v[-150:]
+    assert np.abs(rest).max() < 1e-15
+    assert np.ptp(run.x[-150:]) < 1e-18
+
+
+@pytest.mark.parametrize("name", [*DRY, "presliding_friction", "hysteresis", "quadratic_drag"])
+def test_power_of_friction_is_not_positive(name):
+    """Energy taken from the mass over the run; a spring-like part gives back what it stored."""
+    run = CLOSED.run([spec(name)], reference())
+    work = run.contribution[:-1, 0] @ np.diff(run.x)
+    assert work < 0
+    if name in DRY:
+        power = run.contribution[:-1, 0] * np.diff(run.x)
+        assert power.max() < 1e-12
+
+
+def test_a_stuck_mass_holds_a_servo_error():
+    """In the servo the standstill error stays where friction holds it: P control has no integral."""
+    linear, held = CLOSED.run((), reference()), CLOSED.run([spec("coulomb_friction")], reference())
+    assert abs(linear.y[-1] - reference()[-1]) < 1e-6
+    assert abs(held.y[-1] - reference()[-1]) > 1e-4
+    assert np.ptp(held.y[-50:]) < 1e-18
+
+
+def test_stiff_presliding_converges_to_coulomb():
+    r = reference()
+    dry = CLOSED.run([spec("coulomb_friction")], r).y
+    errors = []
+    for stiffness in (1e5, 1e6, 1e7):
+        damping = 2 * np.sqrt(stiffness * 2.0)
+        lugre = EffectSpec(
+            "presliding_friction",
+            {"level": 5.0, "stiffness": stiffness, "micro_damping": damping},
+        )
+        run = CLOSED.run([lugre], r)
+        errors.append(np.abs(run.y - dry).max())
+        assert not run.diverged
+    assert errors[0] > 3 * errors[1] > 9 * errors[2]
+
+
+def test_friction_on_two_masses_clamps_only_its_own_side():
+    from two_masses import two_mass_plant
+
+    plant = two_mass_plant(measured="motor")
+    push = np.where(np.arange(800) < 40, 3.0, 0.0)
+    stuck_load = EffectSpec("coulomb_friction", {"level": 100.0}, {"side": "load"})
+    run = Simulator(plant, open_loop=True).run([stuck_load], None, push, watch=[("load", None)])
+    load = run.motion("load")
+    assert np.abs(load.v).max() < 1e-12
+    assert np.abs(load.x).max() < 0.01 * np.abs(run.x).max()
+    assert np.abs(run.v).max() > 1e-3

@@ -1,0 +1,144 @@
+"""Points of a plant with a mode: motor side, load side, coupling; the mode as an effect."""
+
+import numpy as np
+import pytest
+from cases import STAGE, reference
+from two_masses import (
+    DAMPING,
+    FREQUENCY,
+    LOAD,
+    MOTOR,
+    SPRING,
+    simulate,
+    two_mass_plant,
+)
+
+from ffl.effects import mechanics_of
+from ffl.errors import InputError
+from ffl.machines import Simulator
+from ffl.systems.plant import EffectSpec
+
+COMMAND = 3.0 * np.sin(2 * np.pi * 3.0 * np.arange(400) * 1e-3)
+
+
+def worst(ours, truth):
+    return np.abs(ours - truth).max() / np.abs(truth).max()
+
+
+@pytest.mark.parametrize("measured", ["motor", "load"])
+def test_points_have_the_masses_they_should(measured):
+    mechanics = mechanics_of(two_mass_plant(measured).system)
+    ratio = None if measured == "motor" else LOAD / MOTOR
+    assert mechanics.moving_mass == pytest.approx(MOTOR + LOAD, rel=1e-9)
+    masses = {"motor": MOTOR, "load": LOAD, "sensor": MOTOR if measured == "motor" else LOAD}
+    masses["coupling"] = MOTOR * LOAD / (MOTOR + LOAD)
+    for side, mass in masses.items():
+        point = mechanics.point(side, ratio)
+        assert 1 / point.mobility == pytest.approx(mass, rel=1e-7)
+        assert abs(point.position @ point.force) < 1e-9 * point.mobility
+    modes = mechanics.modes
+    assert modes[0].rigid
+    assert np.sqrt(modes[1].stiffness) == pytest.approx(2 * np.pi * FREQUENCY, rel=1e-8)
+
+
+@pytest.mark.parametrize("measured", ["motor", "load"])
+@pytest.mark.parametrize("side", ["motor", "load"])
+def test_friction_on_either_side(measured, side):
+    ratio = None if measured == "motor" else LOAD / MOTOR
+    options = {"side": side} if ratio is None else {"side": side, "mass_ratio": ratio}
+    spec = EffectSpec("coulomb_friction", {"level": 1.5}, options)
+    run = Simulator(two_mass_plant(measured), open_loop=True).run([spec], None, COMMAND)
+    truth = simulate(lambda t, s: (0.0, 0.0), COMMAND, side, 1.5)
+    assert worst(run.y, truth[:, 0 if measured == "motor" else 1]) < 2e-3
+
+
+@pytest.mark.parametrize("measured", ["motor", "load"])
+@pytest.mark.parametrize("side", ["motor", "load"])
+def test_spring_and_cogging_on_either_side(measured, side):
+    ratio = None if measured == "motor" else LOAD / MOTOR
+    options = {"side": side} if ratio is None else {"side": side, "mass_ratio": ratio}
+    specs = [
+        EffectSpec("linear_stiffness", {"stiffness": 200.0, "centre": 0.001}, options),
+        EffectSpec("cogging", {"amplitude": 0.5, "period": 0.004, "phase": 0.2}, options),
+    ]
+
+    def force(t, s):
+        x = s[0] if side == "motor" else s[2]
+        value = -200 * (x - 0.001) + 0.5 * np.sin(2 * np.pi * x / 0.004 + 0.2)
+        return (value, 0.0) if side == "motor" else (0.0, value)
+
+    run = Simulator(two_mass_plant(measured), open_loop=True).run(specs, None, COMMAND)
+    truth = simulate(force, COMMAND)
+    assert worst(run.y, truth[:, 0 if measured == "motor" else 1]) < 1e-5
+
+
+def test_backlash_in_the_coupling():
+    gap = 2e-4
+
+    def force(t, s):
+        stretch, rate = s[0] - s[2], s[1] - s[3]
+        inside = abs(stretch) < gap / 2
+        from two_masses import DAMPER
+
+        back = SPRING * np.clip(stretch, -gap / 2, gap / 2) + (DAMPER * rate if inside else 0.0)
+        return back, -back
+
+    run = Simulator(two_mass_plant(), open_loop=True).run(
+        [EffectSpec("backlash", {"gap": gap})], None, COMMAND[:250]
+    )
+    fine = Simulator(two_mass_plant(), open_loop=True).run(
+        [EffectSpec("backlash", {"gap": gap})], None, COMMAND[:250], substeps=32
+    )
+    truth = simulate(force, COMMAND[:250])[:, 0]
+    linear = simulate(lambda t, s: (0.0, 0.0), COMMAND[:250])[:, 0]
+    effect = np.abs(truth - linear).max()
+    assert effect > 1e-6
+    assert np.abs(run.y - truth).max() < 0.05 * effect
+    assert np.abs(fine.y - truth).max() < 0.01 * effect
+
+
+def test_coupling_needs_a_mode():
+    spec = EffectSpec("backlash", {"gap": 1e-4}, {"kind": "coupling"})
+    with pytest.raises(InputError, match="needs a plant with a mode"):
+        Simulator(STAGE).run([spec], reference())
+
+
+@pytest.mark.parametrize("measured", ["motor", "load"])
+def test_flexible_mode_makes_the_rigid_stage_a_two_mass_system(measured):
+    share = LOAD / (MOTOR + LOAD)
+    spec = EffectSpec(
+        "flexible_mode",
+        {"frequency": FREQUENCY, "damping": DAMPING, "mass_fraction": share},
+        {"measured": measured},
+    )
+    ours = Simulator(STAGE, open_loop=True).run([spec], None, COMMAND)
+    truth = two_mass_plant(measured).system.filter(COMMAND)
+    assert worst(ours.y, truth) < 1e-10
+
+
+def test_mass_change_is_the_plant_with_that_mass():
+    ours = Simulator(STAGE, open_loop=True).run(
+        [EffectSpec("mass_change", {"change": 0.1})], None, COMMAND
+    )
+    assert worst(ours.y, STAGE.system.filter(COMMAND) / 1.1) < 1e-11
+
+
+@pytest.mark.parametrize("side", ["motor", "load"])
+def test_mass_added_to_either_side(side):
+    change = 0.2 / (MOTOR + LOAD)
+    spec = EffectSpec("mass_change", {"change": change}, {"side": side})
+    ours = Simulator(two_mass_plant(), open_loop=True).run([spec], None, COMMAND)
+    heavier = {"motor": (MOTOR + 0.2, LOAD), "load": (MOTOR, LOAD + 0.2)}[side]
+    assert worst(ours.y, two_mass_plant("motor", *heavier).system.filter(COMMAND)) < 1e-10
+
+
+def test_mode_starts_at_rest_beside_a_machine_at_rest():
+    simulator = Simulator(STAGE)
+    spec = EffectSpec("flexible_mode", {"frequency": 60.0, "damping": 0.02, "mass_fraction": 0.3})
+    run = simulator.run([spec, spec], np.full(300, 0.02), start=simulator.at_rest(0.02))
+    assert np.abs(run.y - 0.02).max() < 1e-11
+
+
+def test_mass_cannot_vanish():
+    with pytest.raises(InputError, match="no positive mass"):
+        Simulator(two_mass_plant()).run([EffectSpec("mass_change", {"change": -0.9})], reference())
