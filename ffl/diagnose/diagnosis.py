@@ -1,0 +1,329 @@
+"""Find the missing physics: the chain of steps from recordings to a proven model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.stats
+from numpy.random import Generator
+
+from ffl.diagnose import sound, where
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.freeform import FreeForm, free_form
+from ffl.diagnose.line import across_the_line, sizes
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise, fit_noise
+from ffl.diagnose.prove import Proof, prove, run_plant
+from ffl.diagnose.result import Diagnosis, Finding, ModelCorrection, Number
+from ffl.diagnose.search import Judged, Step, contest
+from ffl.diagnose.trials import Trial, prepare
+from ffl.effects import EFFECTS
+from ffl.errors import InputError
+from ffl.recordings import Recording
+from ffl.systems.plant import Plant
+from ffl.systems.plant_file import plant_from_dict, plant_to_dict
+
+THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
+BELIEF = 4.0  # the plant file's noise is known to about 50 %
+SHORTEST = 200  # samples: fewer cannot tell physics from noise
+UNLIKE = 0.5  # nrmse of the best model above which it is another machine
+FREE = 30.0  # log-likelihood on held-out recordings by which a nameless map must win
+
+
+def diagnose(
+    model: Plant,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    *,
+    rng: Generator | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Locates, names, models and proves what `model` leaves out of `recordings`.
+
+    `validation` judges and is never fitted; without it the last 30 % of every recording does, and
+    the answer says so. Raises `InputError` for recordings that cannot be used at all.
+    """
+    rng = rng or np.random.default_rng(0)
+    say = progress or (lambda line: None)
+    if not recordings:
+        raise InputError("diagnose: no recording given; give at least one")
+    _require_stable(model)
+    everything = [*recordings, *validation]
+    health = sound.soundness(model, everything)
+    if health.faults:
+        return _faulty(model, health)
+    shortest = min(len(r) for r in everything)
+    if shortest < SHORTEST:
+        return _too_short(model, health, shortest)
+    say("checking the recordings: sound")
+    base = Base.of(model)
+    prior, floor = _prior(model, base, recordings)
+    trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
+    notes: list[str] = []
+    if validation:
+        judging = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
+    else:
+        trials, judging = _blocks(base, recordings, prior.sensor)
+        notes.append("no validation recording was given: the last 30 % of each recording judged")
+    scene = Scene(model.loop, trials, prior, floor)
+    nominal = Model(base)
+    residuals = scene.residuals(nominal)
+    if residuals is None:
+        return _unlike(model, health, "the model's simulation diverges on these recordings")
+    scene = replace(scene, noise=_first_noise(scene, residuals, prior))
+    held = replace(scene, trials=judging)
+    standing, steps = contest(scene, held, nominal, THRESHOLD, progress=say)
+    standing = across_the_line(scene, held, standing)
+    return _conclude(model, nominal, scene, held, standing, steps, health, notes, rng, say)
+
+
+def _require_stable(model: Plant) -> None:
+    """Refuses a loop that runs away; a pole on the circle that nothing drives (an integrator on the
+    reference alone) may stay."""
+    poles = model.loop.poles
+    if model.controller is not None and len(poles) and np.abs(poles).max() > 1.0 + 1e-9:
+        model.require_stable()
+
+
+def _prior(model: Plant, base: Base, recordings: Sequence[Recording]) -> tuple[Noise, float]:
+    """Noise as the plant file states it, or guessed from the roughness of y; least sensor noise."""
+    floor = model.machine.encoder_resolution / np.sqrt(12.0)
+    rough = np.median([np.std(np.diff(r.y, 2)) / np.sqrt(6.0) for r in recordings])
+    sensor = model.machine.sensor_noise or float(rough)
+    size = np.median([np.std(r.u[np.isfinite(r.u)]) if np.isfinite(r.u).any() else 1.0
+                      for r in recordings])  # fmt: skip
+    force = model.machine.force_noise or 1e-3 * float(size)
+    sensor = float(np.hypot(sensor, floor)) or 1e-9 * float(np.ptp(recordings[0].y))
+    return Noise(sensor, force or 1e-9), float(floor)
+
+
+def _first_noise(scene: Scene, residuals: Sequence[np.ndarray], prior: Noise) -> Noise:
+    """The least noise that the recordings show: a lower envelope over time and frequency."""
+    belief = BELIEF if scene.trials else 0.0
+    return fit_noise(
+        scene.loop, residuals, prior, quantile=0.2, coloured=False, floor=scene.floor, belief=belief
+    )
+
+
+def _blocks(base: Base, recordings: Sequence[Recording], noise: float):  # type: ignore[no-untyped-def]
+    fit_part, held_part = [], []
+    for r in recordings:
+        cut = int(0.7 * len(r))
+        fit_part.append(prepare(base.simulator, r[:cut], noise))
+        held_part.append(prepare(base.simulator, r[cut:], noise))
+    return tuple(fit_part), tuple(held_part)
+
+
+# --- the answer -----------------------------------------------------------------------------------
+
+
+def _conclude(
+    model: Plant,
+    nominal: Model,
+    scene: Scene,
+    held: Scene,
+    standing: Judged,
+    steps: list[Step],
+    health: sound.Soundness,
+    notes: list[str],
+    rng: Generator,
+    say: Callable[[str], None],
+) -> Diagnosis:
+    augmented = plant_from_dict(plant_to_dict(replace(standing.model.plant(), name=model.name)))
+    after = [run_plant(augmented, trial) for trial in held.trials]
+    judged_held = replace(held, noise=standing.scene.noise)
+    proof = prove(judged_held, nominal, after, standing.scene, rng)
+    rivals = free_form(standing.scene, held, standing.model)
+    structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
+    effects = standing.model.effects
+    verdict, place = _verdict(standing, structure, proof)
+    before = steps[0].before if steps else standing
+    quiet = replace(standing.scene, trials=scene.trials)
+    raw = quiet.residuals(nominal) or []
+    maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
+    maps_after = where.maps(quiet, standing.fit.white)
+    if verdict != "nothing_missing":
+        place = replace(
+            place,
+            frequency_band_hz=where.band(maps_before),
+            time_s=where.stretches(maps_before),
+        )
+    findings = tuple(_finding(standing, index, steps, model) for index in range(len(effects)))
+    return Diagnosis(
+        plant=model,
+        augmented=augmented,
+        verdict=verdict,
+        place=place,
+        findings=findings if verdict != "unnamed" else (),
+        corrections=_corrections(standing, scene),
+        proof=proof,
+        advice=_advice(standing, steps, verdict, findings),
+        soundness=health,
+        steps=tuple(steps),
+        judged=standing,
+        maps_before=maps_before,
+        maps_after=maps_after,
+        notes=tuple(notes),
+        free_form=tuple(rivals[:5]),
+    )
+
+
+def _verdict(standing: Judged, structure: list[FreeForm], proof: Proof):  # type: ignore[no-untyped-def]
+    effects = standing.model.effects
+    depends = tuple(dict.fromkeys(d for e in effects for d in EFFECTS[e.name].depends_on))
+    chi2 = float(np.mean(standing.held_white**2)) if len(standing.held_white) else 1.0
+    if effects:
+        component = EFFECTS[effects[0].name].component
+        place = where.Place(component, where.phrase(EFFECTS[effects[0].name].depends_on), depends)
+        clean = not structure and chi2 < 1.5
+        return ("explained" if clean else "partly_explained"), place
+    if structure:
+        best = structure[0]
+        component = {"force": "plant", "command": "actuator", "output": "sensor"}[best.port]
+        return "unnamed", where.Place(component, where.phrase(best.variables), best.variables)
+    return "nothing_missing", where.Place("", "", ())
+
+
+def _finding(standing: Judged, index: int, steps: list[Step], plant: Plant) -> Finding:
+    spec = standing.model.effects[index]
+    effect = EFFECTS[spec.name]
+    spreads = dict(zip(standing.model.coordinates, standing.fit.spread, strict=True))
+    numbers = {}
+    for name, value in spec.parameters.items():
+        unit = effect.parameter(name).unit_in(plant)
+        error = None
+        for c, spread in spreads.items():
+            if c.kind == "effect" and c.effect == index and c.name == name and c.place is None:
+                error = float(spread * value if c.log else spread)
+        numbers[name] = Number(value, unit, error)
+    probabilities = _probabilities(spec.name, steps)
+    own = probabilities.pop(spec.name, 1.0)
+    others = sorted(probabilities.items(), key=lambda item: -item[1])
+    return Finding(
+        spec.name,
+        effect.component,
+        numbers,
+        spec.options,
+        own,
+        _p_value(spec.name, steps),
+        effect.says(effect.check(spec), plant),
+        tuple((name, p) for name, p in others if p > 1e-3)[:4],
+    )
+
+
+def _round_of(name: str, steps: list[Step]) -> Step | None:
+    for step in steps:
+        if step.accepted is not None and step.accepted.model.names[-1] == name:
+            return step
+    return None
+
+
+def _probabilities(name: str, steps: list[Step]) -> dict[str, float]:
+    """Between the rivals of the round in which `name` won: by score."""
+    step = _round_of(name, steps)
+    if step is None:
+        return {name: 0.99}
+    scores = {r.model.names[-1]: r.score for r in step.rivals if np.isfinite(r.score)}
+    top = max(scores.values())
+    weights = {n: float(np.exp(max(s - top, -700.0))) for n, s in scores.items()}
+    total = sum(weights.values()) / 0.995
+    return {n: w / total for n, w in weights.items()}
+
+
+def _p_value(name: str, steps: list[Step]) -> float | None:
+    """Likelihood ratio of the fitted recordings, for the free numbers it added."""
+    step = _round_of(name, steps)
+    if step is None or step.accepted is None:
+        return None
+    ratio = 2.0 * (step.accepted.fitted - step.before.fitted)
+    freedom = max(1, step.accepted.freedom - step.before.freedom)
+    return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
+
+
+def _corrections(standing: Judged, scene: Scene) -> tuple[ModelCorrection, ...]:
+    out = []
+    damping = _nominal_damping(standing.model)
+    for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):
+        if c.kind != "correction":
+            continue
+        value = float(standing.model.corrections.get(c.name, 0.0))
+        if abs(value) < 3.0 * spread:
+            continue
+        scale = 1.0 / damping if c.name == "damping" and damping > 0 else 1.0
+        if c.name == "damping" and damping <= 0:
+            continue
+        out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))
+    return tuple(out)
+
+
+def _nominal_damping(model: Model) -> float:
+    from ffl.diagnose.linear import modal_terms
+
+    mechanics = model.base.simulator.mechanics
+    return modal_terms(mechanics, mechanics.modes[0])[0] if mechanics.modes else 0.0
+
+
+def _advice(standing: Judged, steps: list[Step], verdict: str, findings: tuple[Finding, ...]):  # type: ignore[no-untyped-def]
+    from ffl.diagnose.advise import separate
+
+    out = []
+    for finding in findings:
+        near = [name for name, p in finding.alternatives if p > 0.05]
+        if near:
+            out.append(separate(finding.name, near[0]))
+    if verdict == "unnamed":
+        out.append(
+            "repeat the run with half and with double speed: what stays in place is position"
+        )
+    return tuple(out)
+
+
+# --- what ends early ------------------------------------------------------------------------------
+
+
+def _ended(model: Plant, health: sound.Soundness, where_: str, component: str, advice: str):  # type: ignore[no-untyped-def]
+    return Diagnosis(
+        plant=model,
+        augmented=model,
+        verdict="inconclusive",
+        place=where.Place(component, where_, ()),
+        findings=(),
+        corrections=(),
+        proof=None,
+        advice=(advice,),
+        soundness=health,
+        steps=(),
+        judged=None,
+    )
+
+
+def _faulty(model: Plant, health: sound.Soundness) -> Diagnosis:
+    fault = health.faults[0]
+    component = {"controller": "controller", "shift": "timing"}.get(fault.kind, "sensor")
+    return _ended(
+        model,
+        health,
+        f"{fault.recording}: {fault.where}",
+        component,
+        f"{fault.where}: {fault.mend}",
+    )
+
+
+def _too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
+    return _ended(
+        model, health, "the length of the recording", "environment",
+        f"{samples} samples cannot tell physics from noise: record at least {SHORTEST}, some seconds "
+        "of motion with reversals",
+    )  # fmt: skip
+
+
+def _unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:
+    return _ended(
+        model, health, why, "plant",
+        "identify a linear model of this machine first: ffl identify linear",
+    )  # fmt: skip
+
+
+__all__ = ["Trial", "diagnose", "sizes"]

@@ -1,0 +1,93 @@
+"""The line between a corrected number of the model and an effect of its own (INTERFACES.md).
+
+During the contest mass, damping and stiffness of the linear model are simply free. Where one of them
+ends up beyond the contract's line it becomes `mass_change`, `viscous_friction` or `linear_stiffness`,
+and the linear model's own number stays at its nominal value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.linear import modal_terms
+from ffl.diagnose.model import Model
+from ffl.diagnose.screen import places_of
+from ffl.diagnose.search import Judged, judge
+from ffl.systems.plant import EffectSpec
+
+LINE = 0.02  # relative mass; share of the RMS force on the plant
+NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
+
+
+def sizes(scene: Scene, model: Model) -> dict[str, float]:
+    """Signed size of each correction in the contract's terms: relative mass, share of RMS force."""
+    mechanics = model.base.simulator.mechanics
+    if not mechanics.modes:
+        return {}
+    mass = mechanics.moving_mass * (1.0 + model.corrections.get("mass", 0.0))
+    runs = [model.simulate(trial) for trial in scene.trials]
+    v = np.concatenate([run.v for run in runs])
+    x = np.concatenate([run.x for run in runs])
+    u = np.concatenate([run.u for run in runs])
+    force = float(np.sqrt(np.mean(u**2))) or 1.0
+    out = {"mass": model.corrections.get("mass", 0.0)}
+    if "damping" in model.corrections:
+        push = mass * model.corrections["damping"] * float(np.sqrt(np.mean(v**2)))
+        out["damping"] = push / force
+    if "stiffness" in model.corrections:
+        k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
+        push = k * model.corrections["stiffness"] * float(np.sqrt(np.mean((x - x.mean()) ** 2)))
+        out["stiffness"] = push / force
+    return out
+
+
+def _effect_values(model: Model, name: str) -> dict[str, float]:
+    mechanics = model.base.simulator.mechanics
+    scale = model.base.simulator.force_per_input
+    value = model.corrections[name]
+    mass = mechanics.moving_mass * scale
+    if name == "mass":
+        return {"change": value}
+    if name == "damping":
+        return {"coefficient": mass * value}
+    k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
+    return {"stiffness": k * value, "centre": 0.0}
+
+
+def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
+    """`judged` with every correction beyond the line turned into its effect."""
+    current = judged
+    for name, effect in NAMES.items():
+        size = sizes(scene, current.model).get(name, 0.0)
+        if abs(size) <= LINE or effect in current.model.names:
+            continue
+        if size < 0 and name != "mass":
+            continue  # less damping or stiffness than the model has: no effect says that
+        spread = _spread(current, name)
+        if abs(current.model.corrections[name]) < 3.0 * spread:
+            continue
+        best: Judged | None = None
+        for place in places_of(current.model):
+            spec = EffectSpec(effect, _effect_values(current.model, name), place.options)
+            corrections = {k: v for k, v in current.model.corrections.items() if k != name}
+            model = replace(
+                current.model,
+                corrections=corrections,
+                held=current.model.held | {name},
+            ).with_effect(spec)
+            tried = judge(current.scene, held, model, rounds=6)
+            if best is None or tried.score > best.score:
+                best = tried
+        if best is not None:
+            current = best
+    return current
+
+
+def _spread(judged: Judged, name: str) -> float:
+    for c, spread in zip(judged.model.coordinates, judged.fit.spread, strict=True):
+        if c.kind == "correction" and c.name == name:
+            return float(spread)
+    return 0.0

@@ -1,0 +1,134 @@
+"""What the linear model has but may have slightly wrong: mass, damping, stiffness, modes.
+
+Taken apart into modes (`ffl.effects.mechanics`), each is eta'' + d eta' + k eta = residue * u. The
+corrections act on these numbers and leave the shape of the modes alone:
+
+mass         every residue divided by 1 + value (damping and stiffness of the rigid body, per mass,
+             divided with it: they stay what they are in newton);
+damping      d of the rigid body, value in units of 1/s at nominal mass;
+stiffness    relative change of k of the first mode, where it is bound;
+mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from ffl.effects.mechanics import Mechanics, Mode
+from ffl.machines.simulator import Simulator
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import StateSpace, series
+from ffl.systems.zpk import Zpk
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One number of the linear model: its name, and a change of it that matters (`scale`)."""
+
+    name: str
+    scale: float
+    lower: float
+    upper: float
+
+
+def modal_terms(mechanics: Mechanics, mode: Mode) -> tuple[float, float]:
+    """(d, k) of eta'' + d eta' + k eta = residue u."""
+    drift = mode.velocity @ mechanics.a
+    seen = np.vstack([mode.position, mode.velocity])
+    terms = np.linalg.lstsq(seen.T, drift, rcond=None)[0]
+    return float(-terms[1]), float(-terms[0])
+
+
+def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
+    """The numbers of this plant that may be slightly wrong."""
+    if not mechanics.modes:
+        return (Correction("gain", 0.01, -0.9, 10.0),)
+    first = mechanics.modes[0]
+    damping, stiffness = modal_terms(mechanics, first)
+    rate = 0.1 * abs(damping) + 0.01
+    out = [Correction("mass", 0.01, -0.8, 5.0)]
+    if stiffness > (2 * np.pi * 0.05) ** 2:
+        out.append(Correction("damping", 0.1 * abs(damping) + 1e-3, -abs(damping), 1e4))
+        out.append(Correction("stiffness", 0.01, -0.9, 10.0))
+    else:
+        out.append(Correction("damping", rate, -abs(damping) - 0.5, 1e4))
+    for i in range(1, len(mechanics.modes)):
+        out.append(Correction(f"mode_{i}_frequency", 0.005, -0.3, 0.3))
+        out.append(Correction(f"mode_{i}_damping", 0.2, -0.9, 20.0))
+    return tuple(out)
+
+
+def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
+    """`mechanics` with the named changes; itself where all are zero."""
+    if not any(values.values()):
+        return mechanics
+    a, b, c, d = np.array(mechanics.a), mechanics.b, mechanics.c, mechanics.d
+    if "gain" in values:
+        factor = 1.0 + values["gain"]
+        fast = mechanics.fast
+        fast = StateSpace(fast.a, fast.b, fast.c * factor, fast.d * factor, fast.sample_time)
+        return replace(mechanics, b=b * factor, d=d * factor, fast=fast, exact=None)
+    gain = 1.0 / (1.0 + values.get("mass", 0.0))
+    modes = []
+    for i, mode in enumerate(mechanics.modes):
+        damping, stiffness = modal_terms(mechanics, mode)
+        push = mode.force / mode.residue
+        if i == 0:
+            new_d = (damping + values.get("damping", 0.0)) * gain
+            new_k = stiffness * (1.0 + values.get("stiffness", 0.0)) * gain
+            if "stiffness" in values:  # bound stages: mass is a matter of gain alone
+                new_d, new_k = new_d / gain, new_k / gain
+        else:
+            w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)
+            new_k = stiffness * w**2
+            new_d = damping * w * (1.0 + values.get(f"mode_{i}_damping", 0.0))
+        a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
+        modes.append(replace(mode, residue=mode.residue * gain, force=mode.force * gain))
+    fast = mechanics.fast
+    fast = StateSpace(fast.a, fast.b, fast.c * gain, fast.d * gain, fast.sample_time)
+    return replace(
+        mechanics, a=a, b=b * gain, d=d * gain, modes=tuple(modes), fast=fast, exact=None
+    )
+
+
+def simulator_with(simulator: Simulator, values: Mapping[str, float]) -> Simulator:
+    """`simulator` on the corrected plant; its states keep their meaning."""
+    mechanics = corrected(simulator.mechanics, values)
+    if mechanics is simulator.mechanics:
+        return simulator
+    return simulator.with_mechanics(mechanics)
+
+
+def discrete(mechanics: Mechanics) -> StateSpace:
+    """The plant under a zero-order hold, as a plant file states it."""
+    if mechanics.exact is not None and not mechanics.fast.order and not mechanics.delay:
+        return mechanics.exact
+    n, step = mechanics.order, mechanics.sample_time
+    block = np.zeros((n + 1, n + 1))
+    block[:n, :n], block[:n, n] = mechanics.a, mechanics.b
+    held = scipy.linalg.expm(block * step)
+    slow = StateSpace(held[:n, :n], held[:n, n:], mechanics.c[None], mechanics.d, step)
+    fast = mechanics.fast
+    if fast.order:
+        slow = StateSpace(
+            scipy.linalg.block_diag(slow.a, fast.a),
+            np.vstack([slow.b, fast.b]),
+            np.hstack([slow.c, fast.c]),
+            slow.d + fast.d,
+            step,
+        )
+    if mechanics.delay:
+        line = Zpk(np.zeros(0), np.zeros(0), 1.0, step, mechanics.delay).state_space()
+        slow = series(line, slow)
+    return slow
+
+
+def corrected_plant(plant: Plant, mechanics: Mechanics, values: Mapping[str, float]) -> Plant:
+    """The plant file's plant with the corrections in its linear part."""
+    if not any(values.values()):
+        return plant
+    return replace(plant, system=discrete(corrected(mechanics, values)))

@@ -1,0 +1,209 @@
+"""A hypothesis: the linear model with corrections, and effects beside it, as a point to fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ffl.diagnose.linear import Correction, corrected_plant, corrections_of, simulator_with
+from ffl.diagnose.trials import Trial
+from ffl.effects import EFFECTS
+from ffl.machines.simulator import Simulation, Simulator
+from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
+
+HELD = {  # what the data cannot tell from other numbers of the same effect
+    "position_dependent_gain": ("centre",),
+    "position_dependent_friction": ("level",),
+}
+REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 1.5}  # logarithms
+STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
+MOST_SUBSTEPS = 4
+STEP = 2e-3  # of a coordinate's scale: difference step; stick-slip makes smaller ones noisy
+LOG_STEP = 4e-3
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One free number: `kind` ('correction', 'effect', 'option'), where it sits, how it is stepped.
+
+    `log` coordinates are fitted as logarithms. `place` is the index within a table.
+    """
+
+    kind: str
+    name: str
+    effect: int = -1
+    place: tuple[str, int] | None = None
+    scale: float = 1.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    log: bool = False
+
+    @property
+    def step(self) -> float:
+        return LOG_STEP if self.log else STEP * self.scale
+
+
+@dataclass(frozen=True)
+class Base:
+    """The nominal plant ready to simulate, and what of its linear part may be off."""
+
+    plant: Plant
+    simulator: Simulator
+    corrections: tuple[Correction, ...]
+
+    @classmethod
+    def of(cls, plant: Plant) -> Base:
+        simulator = Simulator(plant)
+        return cls(plant, simulator, corrections_of(simulator.mechanics))
+
+
+@dataclass(frozen=True)
+class Model:
+    """`base` with `corrections` (missing: zero) and `effects`."""
+
+    base: Base
+    corrections: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[EffectSpec, ...] = ()
+    held: frozenset[str] = frozenset()  # corrections that stay as they are
+
+    @cached_property
+    def simulator(self) -> Simulator:
+        return simulator_with(self.base.simulator, dict(self.corrections))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(effect.name for effect in self.effects)
+
+    def simulate(self, trial: Trial, watch: Sequence[tuple[str, float | None]] = ()) -> Simulation:
+        """The free-running loop from the recording's own start; `watch`: see `Simulator.run`."""
+        substeps = None
+        if any(name in STIFF for name in self.names):
+            substeps = min(MOST_SUBSTEPS, self.simulator.substeps(self.effects))
+        return self.simulator.run(
+            self.effects,
+            trial.reference,
+            trial.feedforward,
+            force=trial.load,
+            start=trial.start,
+            start_time=trial.start_time,
+            watch=watch,
+            substeps=substeps,
+        )
+
+    def plant(self) -> Plant:
+        """The plant file's plant: corrections in its linear part, effects beside it."""
+        plant = corrected_plant(
+            self.base.plant, self.base.simulator.mechanics, dict(self.corrections)
+        )
+        return replace(plant, effects=(*plant.effects, *self.effects))
+
+    # --- as a vector -----------------------------------------------------------------------------
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        return tuple(self._corrections()) + tuple(self._effects())
+
+    def _corrections(self) -> Iterator[Coordinate]:
+        for c in self.base.corrections:
+            if c.name in self.held:
+                continue
+            yield Coordinate("correction", c.name, -1, None, c.scale, c.lower, c.upper)
+
+    def _effects(self) -> Iterator[Coordinate]:
+        for i, spec in enumerate(self.effects):
+            effect = EFFECTS[spec.name]
+            for parameter in effect.parameters:
+                name = parameter.name
+                value = spec.parameters.get(name)
+                if isinstance(value, str) or value is None or name in HELD.get(spec.name, ()):
+                    continue
+                if isinstance(value, Mapping):
+                    for key in ("positive", "negative"):
+                        size = float(np.mean(np.abs(value[key]))) or 1.0
+                        for j in range(len(value[key])):
+                            yield Coordinate("effect", name, i, (key, j), size, 0.0)
+                    continue
+                yield self._number(i, parameter, float(value))
+            if spec.options.get("mass_ratio") is not None:
+                yield Coordinate(
+                    "option", "mass_ratio", i, None, 1.0, np.log(0.05), np.log(20), True
+                )
+
+    def _number(self, i: int, parameter, value: float) -> Coordinate:  # type: ignore[no-untyped-def]
+        lower, upper = parameter.lower, parameter.upper
+        if not parameter.linear and lower >= 0 and value > 0:
+            at = float(np.log(value))
+            reach = REACH.get(parameter.name, 3.0)
+            low = max(np.log(lower), at - reach) if lower > 0 else at - reach
+            high = min(np.log(upper), at + reach)
+            return Coordinate("effect", parameter.name, i, None, 1.0, low, high, True)
+        scale = max(abs(value), 1e-12)
+        if parameter.unit == "rad":
+            scale = 1.0
+        return Coordinate("effect", parameter.name, i, None, scale, lower, upper)
+
+    @cached_property
+    def theta(self) -> Array:
+        """The free numbers in the order of `coordinates`."""
+        return np.array([self._read(c) for c in self.coordinates])
+
+    def _read(self, c: Coordinate) -> float:
+        if c.kind == "correction":
+            return float(self.corrections.get(c.name, 0.0))
+        spec = self.effects[c.effect]
+        if c.kind == "option":
+            return float(np.log(spec.options[c.name]))
+        value = spec.parameters[c.name]
+        if c.place is not None:
+            return float(value[c.place[0]][c.place[1]])
+        return float(np.log(value)) if c.log else float(value)
+
+    def at(self, theta: Array) -> Model:
+        """The model with other numbers."""
+        corrections = dict(self.corrections)
+        parameters = [dict(spec.parameters) for spec in self.effects]
+        options = [dict(spec.options) for spec in self.effects]
+        for c, number in zip(self.coordinates, theta, strict=True):
+            number = float(min(max(number, c.lower), c.upper))
+            if c.kind == "correction":
+                corrections[c.name] = number
+            elif c.kind == "option":
+                options[c.effect][c.name] = float(np.exp(number))
+            elif c.place is not None:
+                table = dict(parameters[c.effect][c.name])
+                row = list(table[c.place[0]])
+                row[c.place[1]] = number
+                table[c.place[0]] = row
+                parameters[c.effect][c.name] = table
+            else:
+                parameters[c.effect][c.name] = float(np.exp(number)) if c.log else number
+        for spec, values in zip(self.effects, parameters, strict=True):
+            _keep_sound(spec.name, values)
+        specs = tuple(
+            EffectSpec(spec.name, p, o)
+            for spec, p, o in zip(self.effects, parameters, options, strict=True)
+        )
+        other = Model(self.base, corrections, specs, self.held)
+        object.__setattr__(other, "coordinates", self.coordinates)
+        return other
+
+    def with_effect(self, spec: EffectSpec) -> Model:
+        return replace(self, effects=(*self.effects, spec))
+
+    def without(self, index: int) -> Model:
+        kept = tuple(e for i, e in enumerate(self.effects) if i != index)
+        return replace(self, effects=kept)
+
+
+def _keep_sound(name: str, values: dict[str, Any]) -> None:
+    """What an effect demands of its parameters together."""
+    if name == "stribeck_friction":
+        values["static_level"] = max(values["static_level"], values["coulomb_level"])
+    if "table" in values:
+        levels = [values["table"]["positive"], values["table"]["negative"]]
+        values["level"] = float(np.mean(levels))

@@ -1,0 +1,211 @@
+"""Noise with physics in it: sensor noise through S, force noise through SP, each white and coloured.
+
+A free autoregressive fit swallows the physics it is to reveal (one sinusoid: gain 79 with AR(24)
+against 47,885 with this model), so the only freedom is six numbers with a meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.optimize
+import scipy.signal
+
+from ffl.systems.loop import Loop
+from ffl.systems.state_space import Array
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of white and first-order parts and their corners in Hz.
+
+    `sensor`, `sensor_coloured` in output units, `force`, `force_coloured` in input units.
+    """
+
+    sensor: float
+    force: float
+    sensor_coloured: float = 0.0
+    sensor_corner: float = 30.0
+    force_coloured: float = 0.0
+    force_corner: float = 20.0
+
+    def density(self, paths: Paths) -> Array:
+        """Power of y's noise per sample at the frequencies of `paths`; its mean is the variance."""
+        sensor = self.sensor**2 + self.sensor_coloured**2 * paths.colour(self.sensor_corner)
+        force = self.force**2 + self.force_coloured**2 * paths.colour(self.force_corner)
+        return paths.sensor * sensor + paths.force * force
+
+    def scaled(self, factor: float) -> Noise:
+        """All parts times `factor`."""
+        return replace(
+            self,
+            sensor=self.sensor * factor,
+            force=self.force * factor,
+            sensor_coloured=self.sensor_coloured * factor,
+            force_coloured=self.force_coloured * factor,
+        )
+
+
+@dataclass(frozen=True)
+class Paths:
+    """|S|^2 and |SP|^2 at `frequencies` (Hz): how sensor and force noise reach y."""
+
+    frequencies: Array
+    sensor: Array
+    force: Array
+    sample_time: float
+
+    @classmethod
+    def of(cls, loop: Loop, frequencies: Array) -> Paths:
+        response = loop.system.response(frequencies)
+        return cls(
+            frequencies,
+            np.abs(response[:, 0, 3]) ** 2,
+            np.abs(response[:, 0, 2]) ** 2,
+            loop.system.sample_time,
+        )
+
+    def colour(self, corner: float) -> Array:
+        """Density of a first-order process of unit variance with its corner at `corner` Hz."""
+        return self.colour_and_slope(corner)[0]
+
+    def colour_and_slope(self, corner: float) -> tuple[Array, Array]:
+        """`colour` and its derivative by the logarithm of the corner."""
+        a = np.exp(-2 * np.pi * corner * self.sample_time)
+        cosine = np.cos(2 * np.pi * self.frequencies * self.sample_time)
+        bottom = 1.0 - 2.0 * a * cosine + a * a
+        value = (1.0 - a * a) / bottom
+        by_a = (-2.0 * a - value * (2.0 * a - 2.0 * cosine)) / bottom
+        return value, by_a * a * np.log(a)
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """A smoothed periodogram: `power` per sample at `frequencies`, each worth `weight` pairs."""
+
+    frequencies: Array
+    power: Array
+    weight: Array
+
+
+def spectrum(residuals: Sequence[Array], sample_time: float, quantile: float | None) -> Spectrum:
+    """Power of the residuals in bands about a tenth of an octave wide.
+
+    `quantile` None: the mean over segments and bins. Else that quantile over segments and the bins
+    of a band, divided by what it would be for pure noise: a lower envelope that a mismatch confined
+    to some of the segments leaves alone.
+    """
+    shortest = min(len(x) for x in residuals)
+    length = int(min(2048, max(64, 2 ** int(np.log2(max(shortest // 3, 64))))))
+    parts = []
+    for x in residuals:
+        n = min(length, len(x))
+        frequencies, _, table = scipy.signal.spectrogram(
+            np.asarray(x) - np.mean(x), 1 / sample_time, "hann", n, n // 2, length, "constant"
+        )
+        parts.append(table * (0.5 / sample_time))
+    table = np.concatenate(parts, axis=1)
+    edges = [1]
+    while edges[-1] < len(frequencies) - 1:
+        edges.append(max(edges[-1] + 1, round(edges[-1] * 1.12)))
+    edges[-1] = min(edges[-1], len(frequencies) - 1)
+    out_f, out_p, out_w = [], [], []
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        cell = table[low:high]
+        if quantile is None:
+            level = float(np.mean(cell))
+        else:
+            level = float(np.quantile(cell, quantile) / -np.log(1 - quantile))
+        out_f.append(float(np.mean(frequencies[low:high])))
+        out_p.append(max(level, 1e-300))
+        out_w.append(cell.size * 0.5)  # half overlapping segments: about half are independent
+    return Spectrum(np.array(out_f), np.array(out_p), np.array(out_w))
+
+
+def fit_noise(
+    loop: Loop,
+    residuals: Sequence[Array],
+    start: Noise,
+    *,
+    quantile: float | None = None,
+    coloured: bool = True,
+    floor: float = 0.0,
+    belief: float = 0.0,
+) -> Noise:
+    """Whittle's likelihood, sum of log(density) + power/density, over the six numbers.
+
+    `floor`: least sensor noise (what the encoder's resolution alone gives). `belief`: weight of
+    `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2.
+    """
+    seen = spectrum(residuals, loop.system.sample_time, quantile)
+    paths = Paths.of(loop, seen.frequencies)
+    weight = seen.weight * min(1.0, 4000.0 / seen.weight.sum())
+    levels = _levels(seen, paths, floor)
+    duration = max(len(x) for x in residuals) * loop.system.sample_time
+    corner = np.log([max(0.3, 2.0 / duration), 0.25 / loop.system.sample_time])
+    ranges = [np.log(level) + np.array([-9.0, 9.0]) for level in levels]
+    bounds = [ranges[0], ranges[1], ranges[0], corner, ranges[1], corner]
+    believed = np.log([max(start.sensor, 1e-6 * levels[0]), max(start.force, 1e-6 * levels[1])])
+
+    def unpack(p: Array) -> Noise:
+        sensor = float(np.hypot(np.exp(p[0]), floor))
+        return Noise(sensor, *(float(v) for v in np.exp(p[1:])))
+
+    def cost(p: Array) -> tuple[float, Array]:
+        squares = np.exp(2.0 * p)
+        parts = [paths.sensor * squares[0], paths.force * squares[1]]
+        slopes = [2.0 * parts[0], 2.0 * parts[1]]
+        for path, size, corner_at in ((paths.sensor, 2, 3), (paths.force, 4, 5))[: len(p) // 3]:
+            colour, slope = paths.colour_and_slope(np.exp(p[corner_at]))
+            parts.append(path * colour * squares[size])
+            slopes += [2.0 * parts[-1], path * slope * squares[size]]
+        density = np.maximum(sum(parts) + paths.sensor * floor**2, 1e-300)
+        value = float(np.sum(weight * (np.log(density) + seen.power / density)))
+        factor = weight * (1.0 / density - seen.power / density**2)
+        gradient = np.array([float(factor @ slope) for slope in slopes])
+        away = p[:2] - believed
+        gradient[:2] += 2.0 * belief * away
+        return value + belief * float(away @ away), gradient
+
+    white, slow = np.log(levels), np.log([0.1, 0.3, 1.0])
+    if coloured:
+        begin = [
+            [
+                white[0],
+                white[1] + slow[0],
+                white[0] + slow[0],
+                np.log(30.0),
+                white[1],
+                np.log(15.0),
+            ],
+            [white[0], white[1], white[0] + slow[1], np.log(30.0), white[1] + slow[0], np.log(5.0)],
+        ]
+        if start.force_coloured > 0 and start.sensor_coloured > 0:
+            parts = [start.sensor, start.force, start.sensor_coloured, start.sensor_corner]
+            begin.append(list(np.log([*parts, start.force_coloured, start.force_corner])))
+    else:
+        bounds, begin = bounds[:2], [white, believed]
+    low, high = np.array(bounds).T
+    found = [
+        scipy.optimize.minimize(
+            cost,
+            np.clip(p, low, high),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)),
+        )
+        for p in begin
+    ]
+    return unpack(min(found, key=lambda f: f.fun).x)
+
+
+def _levels(seen: Spectrum, paths: Paths, floor: float) -> tuple[float, float]:
+    """First guesses of sensor and force noise: the high frequencies, and what is left below."""
+    sensor2 = seen.power / np.maximum(paths.sensor, 1e-300)
+    high = seen.frequencies > 0.5 * seen.frequencies[-1]
+    sensor = np.sqrt(np.median(sensor2[high]))
+    left = np.maximum(seen.power - paths.sensor * sensor**2, 0.05 * seen.power)
+    force = np.sqrt(np.median((left / np.maximum(paths.force, 1e-300))[~high]))
+    return float(max(sensor, floor, 1e-300)), float(max(force, 1e-300))

@@ -1,0 +1,156 @@
+"""The diagnosis as a result: every step's own, and the contract's answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffl.diagnose.prove import Proof
+from ffl.diagnose.search import Judged, Step
+from ffl.diagnose.sound import Soundness
+from ffl.diagnose.where import Map, Place
+from ffl.effects import EFFECTS
+from ffl.systems.plant import Plant
+
+
+@dataclass(frozen=True)
+class Number:
+    """A fitted parameter; `std_error` None where the data do not see it."""
+
+    value: Any
+    unit: str
+    std_error: float | None = None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect of the answer."""
+
+    name: str
+    location: str
+    parameters: Mapping[str, Number]
+    options: Mapping[str, Any]
+    confidence: float
+    p_value: float | None
+    says: str
+    alternatives: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class ModelCorrection:
+    """A number of the linear model that is slightly off: `relative` to nominal, or in `unit`."""
+
+    name: str
+    relative: float
+    std_error: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What `diagnose` found, step by step; `answer()` is the contract's answer.json."""
+
+    plant: Plant
+    augmented: Plant
+    verdict: str
+    place: Place
+    findings: tuple[Finding, ...]
+    corrections: tuple[ModelCorrection, ...]
+    proof: Proof | None
+    advice: tuple[str, ...]
+    soundness: Soundness
+    steps: tuple[Step, ...]
+    judged: Judged | None
+    maps_before: tuple[Map, ...] = ()
+    maps_after: tuple[Map, ...] = ()
+    notes: tuple[str, ...] = ()
+    free_form: tuple[Any, ...] = ()
+    experiment: Any = None
+
+    def answer(self) -> dict[str, Any]:
+        """answer.json of `ffl diagnose` (INTERFACES.md); what could not be computed is absent."""
+        place = self.place
+        location: dict[str, Any] = {
+            "component": place.component,
+            "where": place.where,
+            "depends_on": list(place.depends_on),
+        }
+        if place.frequency_band_hz is not None:
+            location["frequency_band_hz"] = list(place.frequency_band_hz)
+        if place.time_s:
+            location["time_s"] = [list(pair) for pair in place.time_s]
+        out: dict[str, Any] = {
+            "schema": 1,
+            "verdict": self.verdict,
+            "location": {k: v for k, v in location.items() if v != ""},
+            "effects": [_finding(f) for f in self.findings],
+            "model_corrections": [
+                _clean({"name": c.name, "relative": c.relative, "std_error": c.std_error})
+                for c in self.corrections
+            ],
+        }
+        if self.proof is not None:
+            out["validation"] = _validation(self.proof)
+        out["advice"] = list(self.advice)
+        if self.notes:
+            out["notes"] = list(self.notes)
+        return out
+
+
+def _finding(f: Finding) -> dict[str, Any]:
+    parameters = {}
+    for name, number in f.parameters.items():
+        parameters[name] = _clean(
+            {"value": number.value, "unit": number.unit, "std_error": number.std_error}
+        )
+    return _clean(
+        {
+            "name": f.name,
+            "location": f.location,
+            "parameters": parameters,
+            "options": dict(f.options),
+            "confidence": f.confidence,
+            "p_value": f.p_value,
+            "says": f.says,
+            "alternatives": [{"name": n, "confidence": p} for n, p in f.alternatives],
+        }
+    )
+
+
+def _validation(proof: Proof) -> dict[str, Any]:
+    return _clean(
+        {
+            "recordings": list(proof.recordings),
+            "nrmse_before": proof.nrmse_before,
+            "nrmse_after": proof.nrmse_after,
+            "noise_floor": proof.noise_floor,
+            "u_nrmse_before": proof.u_nrmse_before,
+            "u_nrmse_after": proof.u_nrmse_after,
+            "u_noise_floor": proof.u_noise_floor,
+            "change_interval_95": list(proof.interval),
+        }
+    )
+
+
+def _clean(table: dict[str, Any]) -> dict[str, Any]:
+    """Without what could not be computed."""
+    out = {}
+    for key, value in table.items():
+        if value is None or (key == "options" and not value):
+            continue
+        if isinstance(value, float | np.floating):
+            if not np.isfinite(value):
+                continue
+            value = float(value)
+        if isinstance(value, list) and any(
+            isinstance(v, float) and not np.isfinite(v) for v in value
+        ):
+            continue
+        out[key] = value
+    return out
+
+
+def component_of(name: str) -> str:
+    return EFFECTS[name].component

@@ -1,0 +1,255 @@
+"""Screening: what each effect would add to y to first order, against the whitened residual.
+
+Regressors come from simulated motion (measured motion would carry the present noise into them), go
+through the closed loop from the port where they act to y, through the whitening filter, and are
+judged by what they take off the residual beyond the linear model's own freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import scipy.fft
+
+from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.linear import discrete
+from ffl.diagnose.model import Model
+from ffl.diagnose.trials import Trial
+from ffl.effects import EFFECTS, Effect, Motion
+from ffl.errors import InputError
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array, StateSpace
+
+TAIL = 1e-7  # energy of an impulse response that may be cut off
+PER_COLUMN = 8.0  # sum of squares that one more coefficient must take off (twice its likelihood)
+NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect acts: port, and for forces the point of the mechanics."""
+
+    port: str
+    side: str = "sensor"
+    mass_ratio: float | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        if self.side != "sensor":
+            out["side"] = self.side
+        if self.mass_ratio is not None:
+            out["mass_ratio"] = self.mass_ratio
+        return out
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
+    squares to first order with `freedom` coefficients."""
+
+    spec: EffectSpec
+    gain: float
+    freedom: int
+    place: Place = field(default_factory=lambda: Place("force"))
+
+
+def places_of(model: Model) -> list[Place]:
+    """The distinct points at which forces may act on this plant."""
+    mechanics = model.simulator.mechanics
+    if len(mechanics.modes) < 2:
+        return [Place("force")]
+    opposite = any(mode.sign < 0 for mode in mechanics.modes)
+    ratio = 1.0 if opposite else None
+    out = [Place("force", "motor", ratio), Place("force", "load", ratio)]
+    if opposite:
+        out.append(Place("force", "sensor", ratio))
+    kept: list[Place] = []
+    shapes: list[Array] = []
+    for place in out:
+        point = mechanics.point(place.side, place.mass_ratio)
+        if not point.mobility > 0:
+            continue
+        shape = np.concatenate([point.force / np.abs(point.force).max(), point.position])
+        if all(np.abs(shape - other).max() > 1e-6 for other in shapes):
+            kept.append(place)
+            shapes.append(shape)
+    return kept
+
+
+class Screen:
+    """First-order contributions of effects to y, whitened, beyond what `fit` explains."""
+
+    def __init__(self, scene: Scene, fit: Fit) -> None:
+        self.scene, self.fit, self.model = scene, fit, fit.model
+        self.setting = self.model.simulator
+        self._impulses: dict[Place, list[Array]] = {}
+        self._motions: dict[tuple[str, float | None], list[Motion]] = {}
+        self.basis = _orthonormal(fit.jacobian)
+        self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
+
+    # --- filters ---------------------------------------------------------------------------------
+
+    def impulses(self, place: Place) -> list[Array]:
+        """Impulse response from a signal at `place` to the whitened y, one per recording."""
+        if place not in self._impulses:
+            longest = max(len(t) for t in self.scene.trials)
+            n = min(longest, 1 << 14)
+            mechanics = self.model.simulator.mechanics
+            loop = self.scene.loop
+            unit = np.zeros(n)
+            unit[0] = 1.0
+            if place.port == "output":
+                response = loop.sensitivity.filter(unit)
+            elif place.port == "command":
+                response = loop.process_sensitivity.filter(unit)
+            else:
+                point = mechanics.point(place.side, place.mass_ratio)
+                through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
+                through = replace(through, fast=_nothing(mechanics.sample_time))
+                response = loop.sensitivity.filter(discrete(through).filter(unit))
+            out = []
+            done: dict[int, Array] = {}
+            for whitener in self.scene.whiteners:
+                key = id(whitener)
+                if key not in done:
+                    steady = replace(
+                        whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:]
+                    )
+                    h = steady(response)
+                    energy = np.cumsum(h[::-1] ** 2)[::-1]
+                    keep = int(np.searchsorted(-energy, -TAIL * energy[0])) + 1
+                    done[key] = h[:keep]
+                out.append(done[key])
+            self._impulses[place] = out
+        return self._impulses[place]
+
+    def through(self, place: Place, columns: Sequence[Array]) -> Array:
+        """Regressors of each recording (N_i, k) filtered to whitened y and stacked."""
+        out = []
+        for x, h in zip(columns, self.impulses(place), strict=True):
+            n = scipy.fft.next_fast_len(len(x) + len(h) - 1, real=True)
+            spectrum = scipy.fft.rfft(x, n, axis=0) * scipy.fft.rfft(h, n)[:, None]
+            out.append(scipy.fft.irfft(spectrum, n, axis=0)[: len(x)])
+        return np.concatenate(out)
+
+    # --- motion ----------------------------------------------------------------------------------
+
+    def motions(self, place: Place) -> list[Motion]:
+        """Simulated motion at the place; forces are held over a sample, so theirs is mid-sample."""
+        side = place.side if place.port == "force" else "sensor"
+        key = (f"{place.port == 'force'}{side}", place.mass_ratio)
+        if key not in self._motions:
+            self._motions[key] = [self._motion(trial, place) for trial in self.scene.trials]
+        return self._motions[key]
+
+    def _motion(self, trial: Trial, place: Place) -> Motion:
+        key = (place.side if place.port == "force" else "sensor", place.mass_ratio)
+        motion = self.model.simulate(trial, watch=[key]).motion(*key)
+        if place.port != "force":
+            return motion
+        return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))
+
+    # --- judging ---------------------------------------------------------------------------------
+
+    def gain(self, columns: Array) -> tuple[float, Array]:
+        """(what the columns take off the residual's sum of squares, their coefficients)."""
+        beyond = columns - self.basis @ (self.basis.T @ columns)
+        size = np.linalg.norm(beyond, axis=0)
+        floor = NORM_FLOOR * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        if np.any(size <= floor):
+            return 0.0, np.zeros(columns.shape[1])
+        q, r = np.linalg.qr(beyond / size)
+        if np.abs(np.diag(r)).min() < 1e-7:
+            return 0.0, np.zeros(columns.shape[1])
+        target = q.T @ self.residual
+        coefficients = np.linalg.solve(r, target) / size
+        return float(target @ target), coefficients
+
+    def candidates(self, names: Sequence[str] | None = None) -> list[Candidate]:
+        """Best starting point of every effect at every place, best first."""
+        out: list[Candidate] = []
+        for name, effect in EFFECTS.items():
+            if names is not None and name not in names:
+                continue
+            for place in self.places(effect):
+                try:
+                    found = self.best(effect, place)
+                except InputError:
+                    continue
+                if found is not None:
+                    out.append(found)
+        return sorted(out, key=lambda c: -c.gain)
+
+    def places(self, effect: Effect) -> list[Place]:
+        if effect.port != "force":
+            return [Place(effect.port)]
+        out = places_of(self.model)
+        kept = [p for p in out if p.side in effect.sides]
+        return kept or [Place("force", effect.default_side)]
+
+    def best(self, effect: Effect, place: Place) -> Candidate | None:
+        """The best of the effect's grid at this place."""
+        from ffl.diagnose.scan import periods
+
+        motions = self.motions(place)
+        if effect.scan:
+            grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
+        else:
+            grid = effect.grid(_joined(motions))
+        best: Candidate | None = None
+        for nonlinear in grid:
+            columns = self.through(
+                place, [self._columns(effect, m, nonlinear, place) for m in motions]
+            )
+            gain, coefficients = self.gain(columns)
+            worth = gain - PER_COLUMN * columns.shape[1]
+            if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
+                continue
+            if effect.fixed_amount and not 0.2 < coefficients[0] < 5.0:
+                continue
+            values = effect.from_coefficients(coefficients, nonlinear)
+            chosen = {key: values.pop(key) for key in list(values) if key in effect.options}
+            spec = EffectSpec(effect.name, values, {**place.options, **chosen})
+            best = Candidate(spec, gain, columns.shape[1], place)
+        return best
+
+    def _columns(
+        self, effect: Effect, motion: Motion, nonlinear: Mapping[str, float], place: Place
+    ):  # type: ignore[no-untyped-def]
+        columns = effect.regressors(motion, **nonlinear)
+        if place.port == "force":
+            columns = columns / self.model.simulator.force_per_input
+        return columns
+
+
+def _joined(motions: Sequence[Motion]) -> Motion:
+    """All recordings as one, for grids by range and quantile."""
+    signals = {
+        name: np.concatenate([getattr(m, name) for m in motions])
+        for name in ("t", "r", "u", "x", "v", "a")
+    }
+    return replace(motions[0], **signals)
+
+
+def _middle(x: Array) -> Array:
+    return np.append(0.5 * (x[1:] + x[:-1]), x[-1])
+
+
+def _nothing(sample_time: float) -> StateSpace:
+    return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Basis of the columns' span; directions below 1e-9 of the largest are dropped."""
+    if columns.shape[1] == 0:
+        return np.zeros((len(columns), 0))
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    kept = columns[:, size > 1e-12 * size.max()] if size.max() > 1e-290 else columns[:, :0]
+    if not kept.shape[1]:
+        return kept
+    u, s, _ = np.linalg.svd(kept / np.linalg.norm(kept, axis=0), full_matrices=False)
+    return u[:, s > 1e-9 * s[0]]

@@ -1,0 +1,165 @@
+"""The contest: every effect at every place against every other, judged by likelihood.
+
+Each hypothesis is fitted with the noise it leaves itself (so that neither coloured noise passes for
+physics nor physics for coloured noise), and scored by
+    log-likelihood of the fitted recordings - penalty per free number + log-likelihood of the
+    held-out recordings,
+the second a free-running simulation with nothing fitted to it. One effect is added at a time; before
+a second one is thought of, all siblings of the first have been fitted too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.model import Model
+from ffl.diagnose.screen import Candidate, Screen
+from ffl.effects import EFFECTS
+from ffl.systems.state_space import Array
+
+PER_NUMBER = (
+    4.0  # log-likelihood that one more free number must bring (BIC: half log of N, N ~ 3000)
+)
+SHORTLIST = 7
+WORTH_A_FIT = 0.15  # of the best first-order gain
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A fitted hypothesis with its own noise: `fitted` and `held_out` log-likelihoods."""
+
+    fit: Fit
+    scene: Scene
+    fitted: float
+    held_out: float
+    held_white: Array
+
+    @property
+    def model(self) -> Model:
+        return self.fit.model
+
+    @property
+    def freedom(self) -> int:
+        return int(np.sum(np.linalg.norm(self.fit.jacobian, axis=0) > 0))
+
+    @property
+    def score(self) -> float:
+        return self.fitted + self.held_out - PER_NUMBER * self.freedom
+
+    @property
+    def name(self) -> str:
+        return " + ".join(self.model.names) or "nothing"
+
+
+def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> Judged:
+    """Fits `model` under the scene's noise, then under its own, and scores it."""
+    first = fit(scene, model, rounds=rounds)
+    if first.status == "diverged":
+        return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
+    own = scene.with_noise_of(_raw(scene, first.model))
+    second = fit(own, first.model, rounds=max(3, rounds // 2), tolerance=0.05)
+    residuals = _raw(scene, second.model)
+    final = own.with_noise_of(residuals)
+    white = final.whiten(residuals)
+    return Judged(
+        replace(second, white=white),
+        final,
+        final.log_likelihood(white),
+        *held_out(held, final, second.model),
+    )
+
+
+def _raw(scene: Scene, model: Model) -> list[Array]:
+    residuals = scene.residuals(model)
+    return residuals if residuals is not None else [np.full(len(t), 1e3) for t in scene.trials]
+
+
+def held_out(held: Scene | None, scene: Scene, model: Model) -> tuple[float, Array]:
+    """(log-likelihood, whitened residual) of recordings that nothing was fitted to."""
+    if held is None or not held.trials:
+        return 0.0, np.zeros(0)
+    judged = replace(held, noise=scene.noise)
+    residuals = judged.residuals(model)
+    if residuals is None:
+        return -np.inf, np.zeros(0)
+    white = judged.whiten(residuals)
+    return judged.log_likelihood(white), white
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round of the contest: what stood, who challenged it, what they reached."""
+
+    before: Judged
+    screened: tuple[Candidate, ...]
+    rivals: tuple[Judged, ...]
+    accepted: Judged | None
+
+
+def shortlist(candidates: Sequence[Candidate], depth: int = SHORTLIST) -> list[Candidate]:
+    """Who is worth a full fit: the best of the screen, one place per effect, and their siblings."""
+    if not candidates:
+        return []
+    best: dict[str, Candidate] = {}
+    for c in candidates:
+        best.setdefault(c.spec.name, c)
+    ranked = sorted(best.values(), key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
+    top = ranked[0].gain
+    chosen = [c for c in ranked[:depth] if c.gain > WORTH_A_FIT * top]
+    names = {c.spec.name for c in chosen}
+    for c in list(chosen[:2]):
+        for sibling in EFFECTS[c.spec.name].siblings:
+            if sibling in best and sibling not in names and best[sibling].gain > 0.02 * top:
+                chosen.append(best[sibling])
+                names.add(sibling)
+    return chosen
+
+
+def contest(
+    scene: Scene,
+    held: Scene | None,
+    model: Model,
+    threshold: float,
+    most: int = 3,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Judged, list[Step]]:
+    """Forward selection with substitution; returns what stands at the end and all rounds."""
+    say = progress or (lambda line: None)
+    standing = judge(scene, held, model)
+    steps: list[Step] = []
+    for _ in range(most):
+        say(
+            f"{standing.name}: log-likelihood {standing.fitted:.1f}, held out {standing.held_out:.1f}"
+        )
+        # Physics still in the residual must not pass for noise: screen with the least noise seen.
+        quiet = replace(scene, noise=_quieter(scene, standing.scene))
+        base = fit(quiet, standing.model, rounds=4, tolerance=1.0)
+        screened = Screen(quiet, base).candidates()
+        rivals = []
+        for c in shortlist([c for c in screened if c.spec.name not in standing.model.names]):
+            rival = judge(quiet, held, base.model.with_effect(c.spec))
+            say(f"  {rival.name}: {rival.score - standing.score:.1f}")
+            rivals.append(rival)
+        rivals.sort(key=lambda j: -j.score)
+        accepted = None
+        if rivals and rivals[0].score - standing.score > threshold:
+            accepted = rivals[0]
+        steps.append(Step(standing, tuple(screened), tuple(rivals), accepted))
+        if accepted is None:
+            break
+        standing = accepted
+    return standing, steps
+
+
+def _quieter(a: Scene, b: Scene):  # type: ignore[no-untyped-def]
+    """The noise with the lower density at mid frequencies."""
+    from ffl.diagnose.noise import Paths
+
+    nyquist = 0.5 / a.loop.system.sample_time
+    paths = Paths.of(a.loop, np.geomspace(nyquist * 2e-3, nyquist * 0.2, 40))
+    lower = np.mean(np.log(a.noise.density(paths))) < np.mean(np.log(b.noise.density(paths)))
+    return a.noise if lower else b.noise

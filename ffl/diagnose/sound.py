@@ -1,0 +1,196 @@
+"""Is the recording what it says? With a known controller u = f + C_r r - C_y y to print precision.
+
+Whatever breaks that equation is a fault of the recording or of the stated controller, never physics:
+the plant does not enter it. The commonest faults each make it right again in their own way, which
+is how they are told apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffl.recordings import Recording
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array, StateSpace
+from ffl.systems.zpk import as_state_space
+
+CONSISTENT = 0.02  # of the command's RMS
+SHIFTS = 64  # samples
+ROWS = 20000
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a recording: `where` it shows, and what to do."""
+
+    recording: str
+    kind: str
+    where: str
+    mend: str
+
+
+@dataclass(frozen=True)
+class Soundness:
+    """`consistency`: RMS of u - f - C_r r + C_y y over that of u, by recording (none in open loop)."""
+
+    consistency: tuple[float, ...]
+    faults: tuple[Fault, ...]
+
+
+def soundness(plant: Plant, recordings: Sequence[Recording]) -> Soundness:
+    """Checks every recording against the stated controller."""
+    ratios, faults = [], []
+    for recording in recordings:
+        fault = _dead(recording)
+        if fault is None and plant.controller is not None and "u" not in recording.missing:
+            ratio, fault = _against_controller(plant, recording)
+            ratios.append(ratio)
+        if fault is not None:
+            faults.append(fault)
+    return Soundness(tuple(ratios), tuple(faults))
+
+
+def _dead(recording: Recording) -> Fault | None:
+    """Constant signals say nothing."""
+    name = recording.source
+    if np.ptp(recording.y) == 0:
+        return Fault(name, "constant", "y is constant", "record while the machine moves")
+    drive = recording.u if np.all(np.isfinite(recording.u)) else recording.r
+    if np.ptp(drive) == 0 and np.ptp(recording.r) == 0:
+        return Fault(name, "constant", "u and r are constant", "record while the machine is driven")
+    return None
+
+
+class _Equation:
+    """u - f = a C_r r - b C_y y + free response of the controller, over the first rows."""
+
+    def __init__(self, plant: Plant, recording: Recording) -> None:
+        assert plant.controller is not None
+        n = min(len(recording), ROWS)
+        self.u, self.f = recording.u[:n], recording.f[:n]
+        self.y = recording.y[:n]
+        reference = as_state_space(plant.controller.reference)
+        self.output = as_state_space(plant.controller.output)
+        self.by_r = np.atleast_1d(reference.filter(recording.r[:n]))
+        self.by_y = np.atleast_1d(self.output.filter(self.y))
+        self.free = _free(plant.controller.state_space, n)
+        self.size = float(np.sqrt(np.mean(self.u**2))) or 1.0
+
+    def left(self, target: Array, columns: Sequence[Array] = ()) -> tuple[float, Array, Array]:
+        """(relative RMS of what is left, coefficients of the columns, residual)."""
+        table = np.column_stack([*columns, self.free]) if len(columns) else self.free
+        if table.shape[1] == 0:
+            return float(np.sqrt(np.mean(target**2))) / self.size, np.zeros(0), target
+        scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+        solution = np.linalg.lstsq(table / scale, target, rcond=1e-12)[0] / scale
+        rest = target - table @ solution
+        size = float(np.sqrt(np.mean(rest**2)))
+        return size / self.size, solution[: len(columns)], rest
+
+
+def _free(system: StateSpace, n: int) -> Array:
+    out = np.zeros((n, system.order))
+    row = system.c[0].copy()
+    for k in range(n):
+        out[k] = row
+        row = row @ system.a
+        if not np.abs(row).max() > 1e-12:
+            break
+    return out
+
+
+def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Fault | None]:
+    eq = _Equation(plant, recording)
+    name = recording.source
+    stated, _, rest = eq.left(eq.u - eq.f - eq.by_r + eq.by_y)
+    if stated <= CONSISTENT:
+        return stated, None
+    good = max(0.15 * stated, 1e-4)
+
+    def fault(kind: str, where: str, mend: str) -> tuple[float, Fault]:
+        return stated, Fault(name, kind, where, mend)
+
+    # u as a whole: sign or unit.
+    left, (k,), _ = eq.left(eq.u, [eq.f + eq.by_r - eq.by_y])
+    if left < good:
+        if abs(k + 1) < 0.05:
+            return fault("sign", "the sign of u", "u has the opposite sign: flip it in the mapping")
+        if abs(np.log10(abs(k))) > 0.9:
+            return fault(
+                "unit", "the unit of u",
+                f"u is {k:.4g} times what the controller gives: correct its unit in the mapping",
+            )  # fmt: skip
+    # y: sign or unit.
+    left, (a, b), _ = eq.left(eq.u - eq.f, [eq.by_r, -eq.by_y])
+    if left < good and abs(a - 1) < 0.05 and b != 0:
+        factor = 1.0 / b
+        if abs(factor + 1) < 0.05:
+            return fault("sign", "the sign of y", "y has the opposite sign: flip it in the mapping")
+        if not 0.5 < factor < 2.0:
+            return fault(
+                "unit", "the unit of y",
+                f"y is {factor:.4g} times what the controller saw: correct its unit in the mapping",
+            )  # fmt: skip
+    left, (g,), _ = eq.left(eq.u - eq.f, [eq.by_r - eq.by_y])
+    if left < good and abs(g - 1) > 0.01:
+        return fault(
+            "controller", "the controller's gain",
+            f"the controller that ran has {g:.4g} times the stated gain: correct [controller]",
+        )  # fmt: skip
+    # y late or early.
+    best, at = stated, 0
+    for shift in [s for k in range(1, SHIFTS) for s in (k, -k)]:
+        moved = np.roll(eq.by_y, -shift)
+        rows = slice(SHIFTS + 200, len(moved) - SHIFTS)
+        part = (eq.u - eq.f - eq.by_r + moved)[rows]
+        part = part - np.mean(part) if eq.free.shape[1] else part
+        size = float(np.sqrt(np.mean(part**2))) / eq.size
+        if size < best:
+            best, at = size, shift
+    if at and best < max(0.3 * stated, 1e-4):
+        word = "late" if at > 0 else "early"
+        return fault(
+            "shift", "the time base",
+            f"y is {abs(at)} samples {word} against u and r: align the columns",
+        )  # fmt: skip
+    local = _local(eq, rest, plant.sample_time, name)
+    if local is not None:
+        return stated, local
+    return fault(
+        "controller", "the controller",
+        f"u is not what the stated controller gives ({100 * stated:.3g} % of its RMS is left): check "
+        "[controller], the units and the columns, or leave [controller] out",
+    )  # fmt: skip
+
+
+def _local(eq: _Equation, rest: Array, sample_time: float, name: str) -> Fault | None:
+    """The equation breaks only while y stands still at one value: frozen or clipped."""
+    same = np.concatenate([[False], np.diff(eq.y) == 0.0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= 8]
+    if not runs:
+        return None
+    held = np.concatenate([eq.y[a:b] for a, b in runs])
+    extreme = max((eq.y.max(), eq.y.min()), key=lambda v: float(np.sum(held == v)))
+    # What the command asked for while y stood still, against elsewhere.
+    fine = np.abs(np.diff(rest, prepend=rest[0]))
+    inside = np.zeros(len(eq.y), bool)
+    for a, b in runs:
+        inside[a : min(b + 3, len(inside))] = True
+    longest = max(runs, key=lambda run: run[1] - run[0])
+    if np.mean(fine[inside]) < 3 * np.mean(fine[~inside]) and longest[1] - longest[0] < 50:
+        return None
+    share = float(np.sum(held == extreme)) / len(held)
+    if (share > 0.6 and len(runs) > 1) or eq.y[longest[0]] == extreme:
+        return Fault(
+            name, "clipped_sensor", f"y clipped at {extreme:.6g}",
+            "y stops at one value while the controller goes on: record the unclipped signal",
+        )  # fmt: skip
+    start, stop = longest[0] * sample_time, longest[1] * sample_time
+    return Fault(
+        name, "frozen_sensor", f"y frozen from {start:.4g} to {stop:.4g} s after the start",
+        "y stands still while the controller goes on: cut that stretch out of the recording",
+    )  # fmt: skip

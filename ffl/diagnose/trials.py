@@ -1,0 +1,187 @@
+"""Recordings made ready: what drove the loop, what came out, and the state it started from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffl.errors import InputError
+from ffl.machines.simulator import Simulator
+from ffl.recordings import Recording
+from ffl.systems.loop import Controller
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array, StateSpace
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One recording: `reference`, `feedforward` and `load` (beside the command, input units) drive
+    the simulated loop; `y`, `u` are measured. `start` is the loop's state at the first sample (as
+    `Simulator.run` takes it) and `doubt` its covariance over the states of the linear loop.
+    """
+
+    name: str
+    start_time: float
+    sample_time: float
+    reference: Array
+    feedforward: Array
+    load: Array | None
+    y: Array
+    u: Array
+    start: Array
+    doubt: Array
+    at_rest: bool
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def t(self) -> Array:
+        return self.start_time + self.sample_time * np.arange(len(self.y))
+
+
+def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Array]:
+    """(states at the start, u_fb) of the controller fed with the recorded r and y.
+
+    The states are those that explain u - f best over the first samples: exact where the controller
+    is the one that ran, since u_fb = C_r r - C_y y leaves nothing else free.
+    """
+    system = controller.state_space
+    inputs = np.column_stack([recording.r, recording.y])
+    forced = np.atleast_1d(system.filter(inputs))
+    n = system.order
+    if not n or "u" in recording.missing:
+        return np.zeros(n), forced
+    rows = min(len(recording), max(20 * n, 200))
+    free = np.empty((rows, n))
+    state = np.eye(n)
+    for k in range(rows):
+        free[k] = system.c[0] @ state
+        state = system.a @ state
+    wanted = (recording.u - recording.f - forced)[:rows]
+    scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+    states = np.linalg.lstsq(free / scale, wanted, rcond=1e-12)[0] / scale
+    return states, np.atleast_1d(system.filter(inputs, states))
+
+
+def plant_start(simulator: Simulator, u: Array, y: Array, noise: float, moving: bool) -> tuple:
+    """(state, covariance) of the plant at the first sample from a short piece of u and y.
+
+    Least squares on the plant's free response; at rest a standstill at the measured position.
+    """
+    system = _plant_system(simulator)
+    n = system.order
+    if not moving:
+        return None, np.zeros((n, n))
+    rows = min(len(y), max(10 * n, 60))
+    free = np.empty((rows, n))
+    state = np.eye(n)
+    for k in range(rows):
+        free[k] = system.c[0] @ state
+        state = system.a @ state
+    wanted = y[:rows] - np.atleast_1d(system.filter(u[:rows]))
+    scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+    left, values, right = np.linalg.svd(free / scale, full_matrices=False)
+    kept = values > 1e-7 * values[0]
+    estimate = right[kept].T @ ((left[:, kept].T @ wanted) / values[kept]) / scale
+    spread = (right[kept].T / values[kept]) / scale[:, None]
+    level = max(noise, float(np.std(wanted - free @ estimate)))
+    return estimate, spread @ spread.T * level**2
+
+
+def _plant_system(simulator: Simulator) -> StateSpace:
+    from ffl.diagnose.linear import discrete
+
+    return discrete(simulator.mechanics)
+
+
+def starts_at_rest(recording: Recording) -> bool:
+    """The reference (the command in open loop) holds still at first, and so does y."""
+    rows = max(8, min(40, len(recording) // 50))
+    drive = recording.f if recording.is_open_loop else recording.r
+    scale = np.ptp(drive)
+    if np.ptp(drive[:rows]) > 1e-6 * max(scale, 1e-300):
+        return False
+    if not recording.is_open_loop and np.ptp(recording.f[:rows]) > 0.02 * np.ptp(recording.u):
+        return False
+    y = recording.y[:rows]
+    travel = abs(np.polyfit(np.arange(rows), y, 1)[0]) * rows
+    spread = np.std(np.diff(y)) + 1e-300
+    return bool(travel < 6 * spread or travel < 1e-4 * np.ptp(recording.y))
+
+
+def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
+    """The trial of a recording under the plant (and controller) of `simulator`."""
+    plant = simulator.plant
+    if abs(recording.sample_time - plant.sample_time) > 1e-3 * plant.sample_time:
+        raise InputError(
+            f"{recording.source}: sample time {recording.sample_time:g} s, the model's is "
+            f"{plant.sample_time:g} s; resample the recording or give the model of this rate"
+        )
+    rest = starts_at_rest(recording)
+    n_plant, n = simulator.n_plant, simulator.n_states
+    delay = simulator.mechanics.delay
+    start = np.zeros(n)
+    doubt = np.zeros((n_plant + delay + simulator.controller.order,) * 2)
+    first = float(np.mean(recording.y[: max(8, min(20, len(recording)))])) if rest else 0.0
+    known_command = np.all(np.isfinite(recording.u))
+    if rest:
+        start[:] = simulator.at_rest(first)
+        if plant.controller is None and simulator.mechanics.order:
+            # In open loop rest is where the first command holds it.
+            start = _rest_under(simulator, float(recording.u[0]), first)
+    elif known_command:
+        drive = recording.u if recording.d is None else recording.u + recording.d
+        estimate, spread = plant_start(simulator, drive, recording.y, noise, True)
+        order = _ordering(simulator)
+        start[order] = estimate
+        doubt[np.ix_(order, order)] = spread
+    if plant.controller is not None and known_command:
+        states, _ = feedback_of(plant.controller, recording)
+        start[n_plant + delay :] = states
+    return Trial(
+        recording.source,
+        float(recording.t[0]),
+        plant.sample_time,
+        np.asarray(recording.r),
+        np.asarray(recording.f),
+        None if recording.d is None else np.asarray(recording.d),
+        np.asarray(recording.y),
+        np.asarray(recording.u),
+        start,
+        doubt,
+        rest,
+    )
+
+
+def _ordering(simulator: Simulator) -> Array:
+    """Where the states of `discrete(mechanics)` stand in the simulator's start vector."""
+    n, delay = simulator.n_plant, simulator.mechanics.delay
+    return np.concatenate([np.arange(n, n + delay), np.arange(n)])
+
+
+def _rest_under(simulator: Simulator, command: float, position: float) -> Array:
+    """Standstill of an open-loop plant under a constant command, as near `position` as it can be."""
+    m = simulator.mechanics
+    solution = np.linalg.lstsq(
+        np.vstack([m.a, m.c[None] * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)]),
+        np.append(-m.b * command, position * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)),
+        rcond=1e-13,
+    )[0]
+    start = np.zeros(simulator.n_states)
+    start[: m.order] = solution
+    start[simulator.n_plant : simulator.n_plant + m.delay] = command
+    return start
+
+
+def with_virtual_controller(plant: Plant, controller: Controller) -> Plant:
+    """The plant under an observer that drives the simulation to the measured output."""
+    from dataclasses import replace
+
+    return replace(plant, controller=controller)
+
+
+def names_of(trials: Sequence[Trial]) -> list[str]:
+    return [trial.name for trial in trials]

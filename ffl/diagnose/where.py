@@ -1,0 +1,108 @@
+"""Where the mismatch lives: in time, in frequency, in operating state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+
+from ffl.diagnose.fit import Scene
+from ffl.systems.state_space import Array
+
+
+@dataclass(frozen=True)
+class Map:
+    """Power of one recording's whitened residual: `power` (F, T), 1 where there is only noise."""
+
+    name: str
+    times: Array
+    frequencies: Array
+    power: Array
+
+
+@dataclass(frozen=True)
+class Place:
+    """`component`, `where` in words, `depends_on`, band in Hz and stretches of time in s."""
+
+    component: str
+    where: str
+    depends_on: tuple[str, ...]
+    frequency_band_hz: tuple[float, float] | None = None
+    time_s: tuple[tuple[float, float], ...] = ()
+
+
+def maps(scene: Scene, white: Array) -> tuple[Map, ...]:
+    """Time against frequency of the whitened residual, one map per recording."""
+    pieces = np.split(white, np.cumsum([len(t) for t in scene.trials])[:-1])
+    out = []
+    for trial, piece in zip(scene.trials, pieces, strict=True):
+        n = int(min(256, max(16, 2 ** int(np.log2(max(len(piece) // 24, 16))))))
+        n = min(n, len(piece))
+        f, t, power = scipy.signal.spectrogram(
+            piece, 1 / trial.sample_time, "hann", n, n // 2, detrend=False
+        )
+        out.append(Map(trial.name, trial.start_time + t, f, power * (0.5 / trial.sample_time)))
+    return tuple(out)
+
+
+def band(maps_before: Sequence[Map]) -> tuple[float, float] | None:
+    """Frequencies that hold the middle 90 % of the power beyond noise."""
+    if not maps_before:
+        return None
+    excess = np.mean([np.maximum(m.power.mean(axis=1) - 1.0, 0.0) for m in _alike(maps_before)], 0)
+    total = excess.sum()
+    if total <= 0:
+        return None
+    share = np.cumsum(excess) / total
+    f = maps_before[0].frequencies
+    low, high = np.searchsorted(share, [0.05, 0.95])
+    return float(f[low]), float(f[min(high + 1, len(f) - 1)])
+
+
+def _alike(maps_before: Sequence[Map]) -> list[Map]:
+    n = len(maps_before[0].frequencies)
+    return [m for m in maps_before if len(m.frequencies) == n]
+
+
+def stretches(maps_before: Sequence[Map], most: int = 6) -> tuple[tuple[float, float], ...]:
+    """The few stretches of the first recording that hold most of the power beyond noise."""
+    if not maps_before:
+        return ()
+    m = maps_before[0]
+    excess = np.maximum(m.power.mean(axis=0) - 1.0, 0.0)
+    if excess.max(initial=0.0) <= 0 or len(m.times) < 2:
+        return ()
+    hot = excess > max(0.25 * excess.max(), 3 * np.median(excess))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], hot.astype(int), [0]])))
+    half = 0.5 * (m.times[1] - m.times[0])
+    runs = [
+        (float(m.times[a] - half), float(m.times[b - 1] + half), float(excess[a:b].sum()))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    runs.sort(key=lambda r: -r[2])
+    return tuple(sorted((round(a, 4), round(b, 4)) for a, b, _ in runs[:most]))
+
+
+PHRASES = {
+    frozenset({"direction"}): "velocity reversals and standstill",
+    frozenset({"velocity"}): "motion, in proportion to speed",
+    frozenset({"velocity", "direction"}): "low speed and velocity reversals",
+    frozenset({"position"}): "places along the stroke",
+    frozenset({"position", "direction"}): "places along the stroke, by direction of motion",
+    frozenset({"command"}): "large or small commands",
+    frozenset({"position", "command"}): "the force per command along the stroke",
+    frozenset({"time"}): "times, whatever the machine does",
+    frozenset({"time", "temperature"}): "slow changes over the recording",
+    frozenset({"acceleration"}): "accelerations",
+    frozenset({"direction", "history"}): "reversals, with the path before them",
+}
+
+
+def phrase(depends_on: Sequence[str]) -> str:
+    """Words for where a dependence shows."""
+    key = frozenset(depends_on)
+    if key in PHRASES:
+        return PHRASES[key]
+    return "a dependence on " + ", ".join(depends_on) if depends_on else "the whole recording"
