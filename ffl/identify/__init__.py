@@ -5,6 +5,7 @@ from ffl.identify.fir import KernelInverse, LeastSquaresInverse
 from ffl.identify.inverse import Band, IdentifiedInverse, InverseBasis
 from ffl.identify.kernels import DC, KERNELS, OBF, TC, Diagonal, Direct, Fixed, Kernel, StableSpline
 from ffl.identify.noise import NoiseModel, fit_noise, noise_of
+from ffl.identify.rational import RationalInverse
 from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "KernelInverse",
     "LeastSquaresInverse",
     "NoiseModel",
+    "RationalInverse",
     "Regression",
     "StableSpline",
     "backward_regression",

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 NOISE_ROUNDS = 4
 
 
-class _Backward(Estimator, ABC):
+class Backward(Estimator, ABC):
     """fit: rows by the edge protocol, a solution, and where asked the colour of its residual.
 
     Feasible generalised least squares: solve, model the residual as AR, filter output and target,
@@ -77,7 +77,7 @@ class _Backward(Estimator, ABC):
         return self._learned("inverse_").feedforward(reference)
 
 
-class LeastSquaresInverse(_Backward):
+class LeastSquaresInverse(Backward):
     """theta = argmin ||target - Phi theta||^2, equation (3), by QR.
 
     `n_ac` anti-causal and `n_c` causal taps beside k = 0; `edges` says what is assumed beyond the
@@ -105,7 +105,7 @@ class LeastSquaresInverse(_Backward):
         )
 
 
-class KernelInverse(_Backward):
+class KernelInverse(Backward):
     """Posterior mean of theta under a kernel, equation (6), hyperparameters by marginal likelihood.
 
     `kernel` None: TC on both sides plus direct terms at k = -3 .. 0. `noise_variance` None: learned
