@@ -186,6 +186,11 @@ def make_case(
         raise InputError(f"concealment '{concealment}' is unknown; one of {CONCEALMENTS}")
     if concealment == "feedback" and machine == "stiffness":
         raise InputError("the stiffness-driven stage has no feedback to hide behind")
+    if concealment == "masked" and machine == "stiffness" and len(names) == 1:
+        raise InputError(
+            "a wrong mass or stiffness of the stiffness-driven stage is an effect of its own; "
+            "mask with a second effect"
+        )
     if fault is not None and fault not in FAULTS:
         raise InputError(f"fault '{fault}' is unknown; one of {', '.join(FAULTS)}")
     key = zlib.crc32(repr((names, machine, concealment, doubt, fault)).encode())
@@ -269,7 +274,7 @@ def _draw(names, machine, concealment, doubt, fault, rng):
         choices = [
             key for key, _ in FAMILIES[machine].doubts if key not in ("viscous", "zeta", "z2")
         ]
-        if machine == "stiffness" or names[0] in ("mass_change", "flexible_mode"):
+        if names[0] in ("mass_change", "flexible_mode"):
             choices = [key for key in choices if key != "mass"] or ["mass"]
         doubt = str(rng.choice(choices))
     setup = draw_setup(machine, doubt, rng)

@@ -41,12 +41,12 @@ class Plan:
     seed: int = 0
 
 
-def _machines(effects: tuple[str, ...], rng: np.random.Generator, feedback=False) -> tuple:
+def _machines(effects: tuple[str, ...], rng: np.random.Generator, closed=False) -> tuple:
     names = list(FAMILIES)
     for effect in effects:
         if effect in EFFECTS and EFFECTS[effect].machines:
             names = [n for n in names if n in EFFECTS[effect].machines]
-    if feedback:
+    if closed:
         names = [n for n in names if n != "stiffness"]
     return tuple(map(str, rng.permutation(names)))
 
@@ -56,9 +56,9 @@ def _singles(rng: np.random.Generator) -> list[Plan]:
     for effect, maker in EFFECTS.items():
         for k in range(SINGLES_PER_EFFECT):
             concealment = ("feedback", "noise", "masked")[k % 3]
-            if concealment == "feedback" and maker.machines == ("stiffness",):
-                concealment = "noise"
-            machines = _machines((effect,), rng, concealment == "feedback")
+            if maker.machines == ("stiffness",):
+                concealment = "noise" if k % 2 else "none"
+            machines = _machines((effect,), rng, concealment in ("feedback", "masked"))
             plans.append(Plan("single", (effect,), machines, concealment))
     return plans
 

@@ -37,6 +37,15 @@ def hot_motor(build, rng, scales, at, size):
     return {"fade": fade, "time_constant": time_constant}
 
 
+def warm_guide(build, rng, scales, at, size):
+    """A guide that warms with the motor's loss (current squared) and pushes."""
+    amplitude = size * rng.uniform(0.05, 0.15) * scales.force * rng.choice([-1, 1])
+    time_constant = scales.duration * rng.uniform(0.1, 0.4)
+    heat = 1.0 / np.mean(scales.command_levels**2)
+    build.add(kernel.THERMAL, build.port(at), amplitude, time_constant, heat, 1.0)
+    return {"amplitude": amplitude, "time_constant": time_constant}
+
+
 def magnet(build, rng, scales, at, size):
     """A magnet beside the track: a force over a short piece of the stroke."""
     amplitude = size * rng.uniform(0.06, 0.15) * scales.force * rng.choice([-1, 1])
@@ -134,6 +143,9 @@ OUTSIDE: dict[str, Stranger] = {
     "eddy_brake": Stranger(eddy_brake, "plant", ("velocity",)),
     "amplifier_asymmetry": Stranger(amplifier_asymmetry, "actuator", ("command",)),
     "hot_motor": Stranger(hot_motor, "actuator", ("command", "time", "temperature", "history")),
+    "warm_guide": Stranger(
+        warm_guide, "environment", ("command", "time", "temperature", "history")
+    ),
     "magnet": Stranger(magnet, "plant", ("position",)),
     "end_stop": Stranger(end_stop, "environment", ("position",)),
     "gain_ripple": Stranger(gain_ripple, "actuator", ("command", "position")),

@@ -176,6 +176,10 @@ def test_null_recordings_differ_and_stay_on_the_reference():
         ({"effect": "sensor_nonlinearity"}, "does not go with machine 'rigid'"),
         ({"concealment": "fog"}, "concealment 'fog' is unknown"),
         ({"machine": "stiffness", "concealment": "feedback"}, "no feedback to hide behind"),
+        (
+            {"effect": "drift", "machine": "stiffness", "concealment": "masked"},
+            "mask with a second effect",
+        ),
         ({"fault": "fire"}, "fault 'fire' is unknown"),
     ],
 )
@@ -196,3 +200,19 @@ def test_truth_is_written_where_asked_and_only_there(tmp_path):
 def test_a_build_without_effects_has_no_elements():
     setup = draw_setup("rigid", "exact", np.random.default_rng(1))
     assert Build.of(setup.true).elements == []
+
+
+@pytest.mark.parametrize("machine", FAMILIES)
+@pytest.mark.parametrize("doubt", ["careful", "wrong"])
+def test_wrong_parameters_stay_corrections_by_the_contract(machine, doubt):
+    for seed in range(3):
+        setup = draw_setup(machine, doubt, np.random.default_rng([seed, 7]))
+        scales = measure(setup)
+        wrong = setup.corrections
+        assert abs(wrong["mass"]) <= 0.02
+        if machine in ("rigid", "stiffness", "printer"):
+            error = setup.true.damping[0, 0] - setup.nominal.damping[0, 0]
+            assert abs(error) * scales.speed_rms < 0.02 * scales.force_rms
+        if machine == "stiffness":
+            error = setup.true.stiffness / setup.nominal.stiffness - 1
+            assert abs(error[0, 0]) < 0.02
