@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from ffl.effects.base import Effect, Law, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import FIRST, MEAN, V0, X0
+from ffl.effects.law import (
+    GV,
+    GV_SLOPE,
+    GX,
+    GX_SLOPE,
+    MEAN,
+    SLOPE,
+    STEP,
+    V0,
+    V1,
+    X0,
+    X1,
+)
 from ffl.effects.paths import play
-from ffl.effects.solve import end_motion, set_line
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -24,26 +36,82 @@ def _play_law(p, s, io):  # type: ignore[no-untyped-def]
     io[MEAN] += s[0] - io[X0]
 
 
+@njit(error_model="numpy")
+def _stretch(io, x1, v1, f):  # type: ignore[no-untyped-def]
+    """Stretch and its rate at the fraction f of the step: the cubic through both ends' motion."""
+    x0, h = io[X0], io[STEP]
+    rise, bend = x1 - x0, h * io[V0]
+    square = 3.0 * rise - 2.0 * bend - h * v1
+    cube = bend + h * v1 - 2.0 * rise
+    x = x0 + f * (bend + f * (square + f * cube))
+    return x, (bend + f * (2.0 * square + 3.0 * f * cube)) / h
+
+
+@njit(error_model="numpy")
+def _passage(io, x1, v1, wall):  # type: ignore[no-untyped-def]
+    """Fraction of the step at which the stretch passes `wall`; the ends lie on either side of it."""
+    low, high, below = 0.0, 1.0, io[X0] < wall
+    for _ in range(30):
+        half = 0.5 * (low + high)
+        if (_stretch(io, x1, v1, half)[0] < wall) == below:
+            low = half
+        else:
+            high = half
+    return 0.5 * (low + high)
+
+
+@njit(error_model="numpy")
+def _piece(p, io, x1, v1, begin, end):  # type: ignore[no-untyped-def]
+    """Integral and first moment of the force from `begin` to `end`, three Gauss points."""
+    half, middle, wide = 0.5 * p[0], 0.5 * (begin + end), 0.5 * (end - begin)
+    x, _ = _stretch(io, x1, v1, middle)
+    total, moment = 0.0, 0.0
+    for node in range(-1, 2):
+        f = middle + node * wide * 0.7745966692414834
+        weight = wide * (8.0 / 9.0 if node == 0 else 5.0 / 9.0)
+        if x > half:
+            force = p[1] * half
+        elif x < -half:
+            force = -p[1] * half
+        else:
+            stretch, rate = _stretch(io, x1, v1, f)
+            force = p[1] * stretch + p[2] * rate
+        total += weight * force
+        moment += weight * (2.0 * f - 1.0) * force
+    return total, moment
+
+
 def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: gap, stiffness and damping of the coupling; s: start and end force.
+    """p: gap, stiffness and damping of the coupling.
 
     The plant holds the coupling as spring and damper; this force takes away what the gap takes:
-    all of it within the gap, stiffness * gap/2 beyond it.
+    all of it within the gap, stiffness * gap/2 beyond it. The moments at which the stretch passes a
+    wall of the gap are located within the step.
     """
     half = 0.5 * p[0]
-    if io[FIRST] != 0.0:
-        free = io[X0] > -half and io[X0] < half
-        s[0] = p[1] * min(max(io[X0], -half), half) + (p[2] * io[V0] if free else 0.0)
-    xa, gx, va, gv = end_motion(io, s[0])
-    # Three straight pieces of one monotone relation: take the piece that holds its own root.
-    force = (p[1] * xa + p[2] * va) / (1.0 - p[1] * gx - p[2] * gv)
-    x1 = xa + gx * force
-    if x1 >= half:
-        force = p[1] * half
-    elif x1 <= -half:
-        force = -p[1] * half
-    s[1] = force
-    set_line(io, s[0], force)
+    mean, slope = io[MEAN], io[SLOPE]
+    for _ in range(12):
+        x1 = io[X1] + io[GX] * mean + io[GX_SLOPE] * slope
+        v1 = io[V1] + io[GV] * mean + io[GV_SLOPE] * slope
+        first, second = 1.0, 1.0
+        if (io[X0] < -half) != (x1 < -half):
+            first = _passage(io, x1, v1, -half)
+        if (io[X0] < half) != (x1 < half):
+            second = _passage(io, x1, v1, half)
+        if second < first:
+            first, second = second, first
+        total, moment = _piece(p, io, x1, v1, 0.0, first)
+        if first < 1.0:
+            t, m = _piece(p, io, x1, v1, first, second)
+            total, moment = total + t, moment + m
+        if second < 1.0:
+            t, m = _piece(p, io, x1, v1, second, 1.0)
+            total, moment = total + t, moment + m
+        change = abs(total - mean) + abs(3.0 * moment - slope)
+        mean, slope = total, 3.0 * moment
+        if change <= 1e-10 * p[1] * half:
+            break
+    io[MEAN], io[SLOPE] = mean, slope
 
 
 class Backlash(Effect):

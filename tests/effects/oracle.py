@@ -61,7 +61,7 @@ def run(case: Case, reference: np.ndarray, closed: bool = True) -> np.ndarray:
 
 
 def _advance(case, command, span, state, stuck):
-    t, end = span
+    (t, end), broken = span, False
 
     def others(t, s):
         return case.drive(command, s[0], s[2:]) + case.force(t, s[0], s[1], s[2:])
@@ -74,9 +74,9 @@ def _advance(case, command, span, state, stuck):
             pull = others(t, state)
             if state[1] != 0 and not stuck:
                 direction = np.sign(state[1])
-            elif pull > plus:
+            elif pull > plus or (broken and pull > 0):
                 direction = 1.0
-            elif pull < -minus:
+            elif pull < -minus or broken:
                 direction = -1.0
             else:
                 direction = 0.0
@@ -116,8 +116,7 @@ def _advance(case, command, span, state, stuck):
         assert solution.success
         state, t = solution.y[:, -1].copy(), float(solution.t[-1])
         stuck = direction == 0.0
-        if solution.status == 1 and direction != 0.0:
+        broken = stuck and solution.status == 1
+        if solution.status == 1 and not stuck:
             state[1], stuck = 0.0, True
-        elif solution.status == 1:
-            t += 1e-12
     return state, stuck

@@ -63,11 +63,12 @@ def test_power_of_friction_is_not_positive(name):
 
 
 def test_a_stuck_mass_holds_a_servo_error():
-    """In the servo the standstill error stays where friction holds it: P control has no integral."""
-    linear, held = CLOSED.run((), reference()), CLOSED.run([spec("coulomb_friction")], reference())
-    assert abs(linear.y[-1] - reference()[-1]) < 1e-6
-    assert abs(held.y[-1] - reference()[-1]) > 1e-4
+    """Friction stops the creep of the weak servo (400 N/m) up to level/stiffness = 12.5 mm off."""
+    r = np.concatenate([reference(), np.full(1500, reference()[-1])])
+    linear, held = CLOSED.run((), r), CLOSED.run([spec("coulomb_friction")], r)
     assert np.ptp(held.y[-50:]) < 1e-18
+    assert 1e-4 < abs(held.y[-1] - r[-1]) < 5.0 / 400.0
+    assert abs(linear.y[-1] - r[-1]) < 1e-4
 
 
 def test_stiff_presliding_converges_to_coulomb():

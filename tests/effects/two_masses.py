@@ -56,7 +56,7 @@ def simulate(force, command, friction_side=None, level=0.0):
 
     for k, u in enumerate(command):
         positions[k] = state[[0, 2]]
-        t, end = k * SAMPLE_TIME, (k + 1) * SAMPLE_TIME
+        t, end, broken = k * SAMPLE_TIME, (k + 1) * SAMPLE_TIME, False
 
         def free(t, s, u=u):
             slope = a @ s + b * u
@@ -67,7 +67,8 @@ def simulate(force, command, friction_side=None, level=0.0):
             direction = None
             if side is not None:
                 v, pull = state[1 + 2 * side], free(t, state)[1 + 2 * side] * masses[side]
-                direction = np.sign(v) if not stuck else np.sign(pull) * (abs(pull) > level)
+                breaks = broken or abs(pull) > level
+                direction = np.sign(v) if not stuck else np.sign(pull) * breaks
 
             def slope(t, s, direction=direction):
                 rates = free(t, s)
@@ -96,8 +97,7 @@ def simulate(force, command, friction_side=None, level=0.0):
             )
             state, t = done.y[:, -1].copy(), float(done.t[-1])
             stuck = direction == 0
-            if done.status == 1 and direction:
+            broken = stuck and done.status == 1
+            if done.status == 1 and not stuck:
                 state[1 + 2 * side], stuck = 0.0, True
-            elif done.status == 1:
-                t += 1e-12
     return positions
