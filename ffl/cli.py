@@ -262,13 +262,22 @@ def challenge_score(
     answers: Annotated[Path, typer.Argument(help="Folder of answers.")],
     truth: Annotated[Path, typer.Option(help="Folder of the truth; refused if hashes differ.")],
     out: Annotated[Path, typer.Option(help="Folder for score.json, score.md and pictures.")],
+    log: Annotated[
+        Path | None, typer.Option(help="Markdown file to which the section is added.")
+    ] = None,
+    commit: Annotated[str, typer.Option(help="Commit that was judged, for the log.")] = "not given",
     json: Json = False,
 ) -> None:
     """Open the truth and count what was right."""
-    from ffl.challenge import as_json, markdown
-    from ffl.report.challenge import score_with_report
+    from datetime import UTC, datetime
 
-    result = score_with_report(cases, answers, truth, out)
+    from ffl.challenge import as_json, markdown
+    from ffl.report.challenge import append_section, score_with_report
+
+    about = {"date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", "commit": commit}
+    result = score_with_report(cases, answers, truth, out, about)
+    if log is not None:
+        append_section(result, log, about)
     if json:
         _print_json(as_json(result))
     else:
@@ -298,6 +307,8 @@ def execute(args: list[str]) -> int:
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except SystemExit as error:  # the parser's own way out when the reader of stdout has gone
+        return 0 if isinstance(error.__context__, BrokenPipeError) else int(error.code or 0)
     except OSError as error:
         bad = isinstance(
             error, (PermissionError, FileNotFoundError, IsADirectoryError, NotADirectoryError)
@@ -307,7 +318,7 @@ def execute(args: list[str]) -> int:
         if hasattr(error, "format_message"):  # a usage error of the parser
             context = getattr(error, "ctx", None)
             command = context.command_path if context is not None else "ffl"
-            return _fail(f"{error.format_message()} See '{command} --help'.", 2)
+            return _fail(f"{error.format_message().rstrip('.')}. See '{command} --help'.", 2)
         if os.environ.get("FFL_TRACEBACK"):
             raise
         return _fail(

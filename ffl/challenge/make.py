@@ -94,6 +94,15 @@ class NullCase:
     fit: tuple[np.ndarray, ...]
     validate: tuple[np.ndarray, ...]
 
+    def save(self, folder: Path | str) -> None:
+        """Write the case as `make` would: plant.toml, fit_*.csv, validate_*.csv."""
+        home = Path(folder)
+        home.mkdir(parents=True, exist_ok=True)
+        (home / "plant.toml").write_text(self.plant)
+        for label, recordings in (("fit", self.fit), ("validate", self.validate)):
+            for k, rows in enumerate(recordings):
+                write.table(home / f"{label}_{k + 1}.csv", rows)
+
 
 def null_recordings(
     count: int, seed: int, machines: tuple[str, ...] = tuple(FAMILIES)

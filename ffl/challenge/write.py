@@ -91,6 +91,11 @@ def recording(
     gap = (fault or {}).get("gaps", {}).get(file)
     if gap is not None:
         rows = np.delete(rows, np.arange(*gap), axis=0)
+    table(path, rows)
+
+
+def table(path: Path, rows: np.ndarray) -> None:
+    """Rows t, r, f, u, y as CSV, to 12 digits: enough for u = f + C (r - y) to hold."""
     np.savetxt(
         path,
         rows,

@@ -61,3 +61,10 @@ def score_with_report(
         calibration(figure.add_subplot(), result.calibration)
         figure.savefig(out / "calibration.png", dpi=110)
     return result
+
+
+def append_section(result: Score, path: Path, about: dict[str, str]) -> None:
+    """Add a blind run's section to the log of all of them, good or bad; nothing is replaced."""
+    head = "# Blind challenge, run by run\n"
+    before = path.read_text() if path.is_file() else head
+    write_text(path, before.rstrip() + "\n\n" + markdown(result, about))

@@ -155,7 +155,7 @@ def test_faults_spoil_the_recording(fault, tmp_path):
         assert (np.diff(rows[:, 4]) == 0).sum() > 0.05 * len(rows)
 
 
-def test_null_recordings_differ_and_stay_on_the_reference():
+def test_null_recordings_differ_and_stay_on_the_reference(tmp_path):
     cases = list(null_recordings(6, 1))
     assert [c.machine for c in cases] == list(FAMILIES)
     for case in cases:
@@ -164,6 +164,9 @@ def test_null_recordings_differ_and_stay_on_the_reference():
             assert np.all(np.diff(t) > 0)
             if case.machine != "stiffness":
                 assert np.abs(r - y).max() < 0.5 * np.ptp(r)
+    cases[0].save(tmp_path)
+    np.testing.assert_allclose(read(tmp_path / "fit_1.csv"), cases[0].fit[0], rtol=1e-9, atol=1e-7)
+    assert load_plant(tmp_path / "plant.toml").name == "rigid"
     again = next(null_recordings(1, 1))
     np.testing.assert_array_equal(again.fit[0], cases[0].fit[0])
 
