@@ -28,7 +28,7 @@ def _saturated(recording: Recording) -> list[Finding]:
     count = int((stop - first).sum())
     if count < max(10, 1e-3 * len(u)):
         return []
-    rest = np.delete(u, np.concatenate([np.arange(a, b) for a, b in zip(first, stop, strict=True)]))
+    rest = u[(u != u.min()) & (u != u.max())]
     share = count / len(u)
     # Steps and pulses have few values; a feedback command hardly ever repeats one.
     if len(np.unique(rest)) < min(100, 0.5 * len(rest)):

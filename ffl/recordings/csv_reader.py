@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -147,13 +148,17 @@ def _named(
     """Which cell numpy's reader could not take."""
     decimal_comma = separator == ";"
     lines = _decoded(body, text, decimal_comma).split("\n")
-    bad = bad_cell(lines, separator, columns)
+    # numpy says the row, give or take one by its version; the rest is searched only if it errs.
+    hint = re.search(r"at row (\d+)", str(error))
+    near = max(int(hint[1]) - 1, 0) if hint else 0
+    bad = bad_cell(lines[near : near + 3], separator, columns) if hint else None
+    bad = (bad[0] + near, *bad[1:]) if bad else bad_cell(lines, separator, columns)
     if bad is None:
         said = " ".join(str(error).split())[:120]
         return InputError(f"{path}: cannot be read as a table of numbers ({said})")
     row, column, cell = bad
     name = names[column] if column < len(names) else str(column)
-    what = f"'{cell[:30]}' is not a number" if cell else "there is no value"
+    what = f"{cell[:30]!r} is not a number" if cell else "there is no value"
     return InputError(
         f"{path}: line {skipped + row + 1}, column {name}: {what}; correct it or leave the row out"
     )

@@ -102,12 +102,14 @@ def _signs(y: Array, first: Array, stop: Array, step: float) -> _Signs:
     bends no more than braking does. The jump at the end is compared with the fastest motion.
     """
     n = len(y)
-    inside = np.zeros(n, bool)
-    near = np.zeros(n, bool)
-    for a, b in zip(first, stop, strict=True):
-        inside[a:b] = True
-        near[max(a - 1, 0) : a + 1] = True
-        near[b - 1 : b + 1] = True
+    edges = np.zeros(n + 1, int)
+    edges[first] += 1
+    edges[stop] -= 1
+    inside = np.cumsum(edges[:n]) > 0
+    near = np.zeros(n + 1, bool)
+    for beside in (np.maximum(first - 1, 0), first, stop - 1, stop):
+        near[beside] = True
+    near = near[:n]
     entry = np.zeros(len(first), bool)
     for m in _LAGS:
         bend = np.zeros(n)
@@ -157,13 +159,15 @@ def _noise_is_seen(y: Array, inside: Array) -> bool:
 def _demanded(recording: Recording, first: Array, stop: Array, step: float) -> Array:
     """True for each stretch in which something asked the machine to move."""
     if recording.is_open_loop:
-        drive, least = recording.u, 0.2 * float(np.std(recording.u))
-        asked = [np.std(drive[a:b]) > least for a, b in zip(first, stop, strict=True)]
+        drive, least = recording.u, float(np.std(recording.u))
     else:
-        drive = recording.r
-        least = max(3 * step, 1e-6 * float(np.ptp(drive)))
-        asked = [np.ptp(drive[a:b]) > least for a, b in zip(first, stop, strict=True)]
-    return np.array(asked, bool)
+        drive, least = recording.r, max(3 * step, 1e-6 * float(np.ptp(recording.r)))
+    # reduceat takes [first, stop) at every other place; the end of the array needs one more value.
+    padded = np.append(drive, drive[-1])
+    places = np.column_stack([first, stop]).ravel()
+    highest = np.maximum.reduceat(padded, places)[::2]
+    lowest = np.minimum.reduceat(padded, places)[::2]
+    return highest - lowest > least
 
 
 def _clipped(

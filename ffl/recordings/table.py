@@ -36,6 +36,10 @@ class Table:
     units: Mapping[str, str]
     where: Callable[[int], str]
 
+    def __post_init__(self) -> None:
+        # A damaged file may hold names with line ends; nobody can map one, and errors are one line.
+        object.__setattr__(self, "names", tuple(n for n in self.names if n.isprintable()))
+
     def find(self, name: str) -> str | None:
         """The file's own spelling of a name: as it stands, or with its unit: `pos` of `pos [mm]`."""
         spellings = [n for n in self.names if n == name] or [
