@@ -30,7 +30,7 @@ from ffl.effects.sensor_nonlinearity import SensorNonlinearity
 from ffl.effects.stribeck_friction import StribeckFriction
 from ffl.effects.viscous_friction import ViscousFriction
 from ffl.errors import InputError
-from ffl.systems.plant import EffectSpec
+from ffl.systems.plant import EffectSpec, Plant
 
 EFFECTS: dict[str, Effect] = {
     effect.name: effect
@@ -70,6 +70,15 @@ def effect_of(spec: EffectSpec) -> Effect:
     return EFFECTS[spec.name]
 
 
+def check_effects(plant: Plant) -> None:
+    """Raises `InputError`, naming the entry, where an effect of the plant file is not sound."""
+    for index, spec in enumerate(plant.effects):
+        try:
+            effect_of(spec).check(spec)
+        except InputError as error:
+            raise InputError(f"plant {plant.name}: effects[{index}]: {error}") from None
+
+
 __all__ = [
     "EFFECTS",
     "Effect",
@@ -79,6 +88,7 @@ __all__ = [
     "Parameter",
     "Point",
     "Setting",
+    "check_effects",
     "effect_of",
     "mechanics_of",
 ]

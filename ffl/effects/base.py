@@ -122,7 +122,8 @@ class Effect:
     parameter of `grid` is a period in x or a frequency in t, better searched all at once by a
     Fourier transform over x or t than value by value); `fixed_amount` (the coefficient of its
     regressor is 1 by nature; a fitted one far from 1 speaks against the effect); `remembers` (its
-    force law has a state, and so is called once more, with COMMIT, when the sub-step is solved).
+    force law has a state, and so is called once more, with COMMIT, when the sub-step is solved);
+    `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have).
     """
 
     name: ClassVar[str]
@@ -138,6 +139,7 @@ class Effect:
     scan: ClassVar[str] = ""
     fixed_amount: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
+    needs_mass: ClassVar[bool] = True
 
     # --- reading ---------------------------------------------------------------------------------
 

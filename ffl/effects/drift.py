@@ -47,6 +47,7 @@ class Drift(Effect):
     depends_on = ("time", "temperature")
     siblings = ("constant_load", "periodic_disturbance", "linear_stiffness")
     law = staticmethod(_law)
+    needs_mass = False
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         kind = float(KINDS.index(setting.options.get("kind", "exponential")))

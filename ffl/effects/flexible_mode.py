@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
@@ -56,14 +57,9 @@ class FlexibleMode(Effect):
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """M (a - H a), H the hung mass's own second-order response: first order in mass_fraction."""
         pulsation = 2.0 * np.pi * nonlinear["frequency"]
-        root = pulsation * (
-            -nonlinear["damping"] + 1j * np.sqrt(max(1.0 - nonlinear["damping"] ** 2, 1e-6))
-        )
-        z = np.exp(root * motion.sample_time)
-        denominator = np.array([1.0, -2.0 * z.real, abs(z) ** 2])
-        from scipy.signal import lfilter  # half a second to import
-
-        held = lfilter([0.5 * denominator.sum()] * 2, denominator, motion.a)
+        top = [2.0 * nonlinear["damping"] * pulsation, pulsation**2]
+        b, a, _ = cont2discrete((top, [1.0, *top]), motion.sample_time, method="foh")
+        held = lfilter(b[0], a, motion.a)
         return np.column_stack([motion.mass * (motion.a - held)])
 
     def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
@@ -71,6 +67,6 @@ class FlexibleMode(Effect):
 
     def says(self, values: Parameters, plant: Plant) -> str:
         return (
-            f"{100 * values['mass_fraction']:.3g} % of the moving mass sits on a spring, with its "
+            f"Of the moving mass, {100 * values['mass_fraction']:.3g} % sits on a spring, with its "
             f"resonance at {values['frequency']:.4g} Hz (damping {values['damping']:.2g})."
         )

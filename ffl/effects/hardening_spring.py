@@ -40,6 +40,7 @@ class HardeningSpring(Effect):
     depends_on = ("position",)
     siblings = ("linear_stiffness", "position_dependent_gain", "sensor_nonlinearity")
     law = staticmethod(_law)
+    needs_mass = False
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0]

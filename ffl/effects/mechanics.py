@@ -100,7 +100,7 @@ class Mechanics:
         if side == "sensor" and self.sensor is not None:
             return self.sensor
         if not self.modes:
-            return Point(self.b, self.c, self.c @ self.a)
+            return Point(self.b * self.sign, self.c, np.zeros(self.order))
         if side == "motor" and not self.rest.any():
             return self._motor(mass_ratio)
         return self._of_modes(side, mass_ratio)

@@ -115,7 +115,7 @@ def _modes(a: Array, b: Array, c: Array) -> tuple[tuple[Mode, ...], float]:
                 not modes,
             )
         )
-    return tuple(modes), rigid_sign or 1.0
+    return tuple(modes), rigid_sign or (-1.0 if c @ b < 0 else 1.0)
 
 
 def _pairs(poles: np.ndarray) -> list[np.ndarray]:

@@ -37,6 +37,7 @@ class PeriodicDisturbance(Effect):
     siblings = ("cogging", "encoder_ripple", "drift", "flexible_mode")
     scan = "time"
     law = staticmethod(_law)
+    needs_mass = False
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         n = len(motion.t)

@@ -99,13 +99,13 @@ class Compiler:
             if actor.port != "force":
                 continue
             mobility = points[actor.where].mobility
-            if not mobility > 0:
+            if actor.effect.needs_mass and not mobility > 0:
                 raise InputError(
                     f"effect {actor.effect.name}: plant {self._plant.name} has no moving mass at that "
                     "point (its output is not the position of a driven mass there); choose another "
                     "side, or an effect on the command or the sensor"
                 )
-            stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * mobility)
+            stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * max(mobility, 0.0))
         angle = np.sqrt(stiffest) * self._plant.sample_time
         return int(np.clip(np.ceil(angle / STEP_ANGLE), 1, MOST_SUBSTEPS))
 
