@@ -1,5 +1,6 @@
 """Identification: inverse systems from data, with what is known of their uncertainty."""
 
+from ffl.identify.closed_loop import InstrumentalInverse, ParametricInverse
 from ffl.identify.evidence import Evidence, maximise_evidence, regularised
 from ffl.identify.fir import KernelInverse, LeastSquaresInverse
 from ffl.identify.inverse import Band, IdentifiedInverse, InverseBasis
@@ -20,11 +21,13 @@ __all__ = [
     "Evidence",
     "Fixed",
     "IdentifiedInverse",
+    "InstrumentalInverse",
     "InverseBasis",
     "Kernel",
     "KernelInverse",
     "LeastSquaresInverse",
     "NoiseModel",
+    "ParametricInverse",
     "RationalInverse",
     "Regression",
     "StableSpline",

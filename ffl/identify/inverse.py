@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -104,13 +104,7 @@ class IdentifiedInverse:
 
     def magnitude_band(self, frequencies_hz: ArrayLike, level: float = 0.95) -> Band:
         """Credible band of |F|, linearised: the part of the covariance in the direction of F."""
-        exponentials = self._exponentials(frequencies_hz)
-        value = exponentials @ self.theta
-        magnitude = np.abs(value)
-        direction = value / np.where(magnitude > 0, magnitude, 1.0)
-        radial = np.real(direction.conj()[:, None] * (exponentials @ self.spread))
-        half = _quantile(level) * np.sqrt(np.sum(radial**2, axis=1))
-        return Band(np.maximum(magnitude - half, 0.0), magnitude, magnitude + half, level)
+        return magnitude_band(self._exponentials(frequencies_hz), self.theta, self.spread, level)
 
     def draws(self, n: int, rng: Generator) -> Array:
         """`n` impulse responses from the posterior, shape (n, n_taps)."""
@@ -121,11 +115,25 @@ class IdentifiedInverse:
         return np.exp(-2j * np.pi * self.sample_time * np.outer(f, self.lags))
 
 
+class Inverse(Protocol):
+    """What an identified inverse can do, whatever its parametrization."""
+
+    @property
+    def n_ac(self) -> int:
+        """Samples it looks ahead."""
+
+    def feedforward(self, reference: ArrayLike) -> Array:
+        """F r on the samples of the reference."""
+
+    def response(self, frequencies_hz: ArrayLike) -> NDArray[np.complex128]:
+        """F(exp(i 2 pi f T))."""
+
+
 @dataclass(frozen=True)
 class InverseBasis(Basis):
     """psi(r) = F r with an identified F, so that a campaign learns its gain, alone or beside others."""
 
-    inverse: IdentifiedInverse
+    inverse: Inverse
     name: str
 
     @property
@@ -141,6 +149,18 @@ class InverseBasis(Basis):
 
     def response(self, frequencies_hz: ArrayLike) -> NDArray[np.complex128]:
         return self.inverse.response(frequencies_hz)[:, None]
+
+
+def magnitude_band(
+    functions: NDArray[np.complex128], theta: Array, spread: Array, level: float
+) -> Band:
+    """Band of |functions theta|: the part of the covariance in the direction of the value."""
+    value = functions @ theta
+    magnitude = np.abs(value)
+    direction = value / np.where(magnitude > 0, magnitude, 1.0)
+    radial = np.real(direction.conj()[:, None] * (functions @ spread))
+    half = _quantile(level) * np.sqrt(np.sum(radial**2, axis=1))
+    return Band(np.maximum(magnitude - half, 0.0), magnitude, magnitude + half, level)
 
 
 def _quantile(level: float) -> float:

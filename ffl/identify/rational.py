@@ -212,8 +212,11 @@ class RationalInverse(Backward):
 
 def settled(rows: Regression, found: Projection) -> Evidence:
     """The projection with a scale that leaves its coefficients free, and its posterior."""
-    n_free = rows.n_rows - found.kernel.direct - 2 * len(found.kernel.poles) - 2 * len(
-        found.kernel.outside
+    n_free = (
+        rows.n_rows
+        - found.kernel.direct
+        - 2 * len(found.kernel.poles)
+        - 2 * len(found.kernel.outside)
     )
     if n_free < 1 or not found.squares > 1e-24 * float(rows.target @ rows.target):
         raise InputError(

@@ -87,7 +87,7 @@ def test_evidence_finds_scale_decay_and_noise():
 
 
 def test_evidence_finds_poles_and_the_band_counts_their_uncertainty():
-    rows, theta = toy(noise=0.3)
+    rows, _ = toy(noise=0.3)
     start = OBF.of_poles([0.5], [2.0], direct=1, scale=1.0)
     found = maximise_evidence(rows, LAGS, start, 1.0)
     np.testing.assert_allclose(found.kernel.poles, [0.7], atol=0.02)

@@ -93,7 +93,9 @@ def test_refusals():
     rows = rows_with(0.3)
     with pytest.raises(InputError, match="reach beyond n_ac"):
         RationalInverse(1, 50, 3).fit(rows.output[:400], rows.target[:400])
-    exact = backward_regression(rows.output, rows.output[300:1300], 300, 300, Edges("known", "known"), 300)
+    exact = backward_regression(
+        rows.output, rows.output[300:1300], 300, 300, Edges("known", "known"), 300
+    )
     with pytest.raises(InputError, match="holds no noise"):
         RationalInverse(300, 300, 1, edges=Edges("known", "known")).fit(
             exact.output, exact.target, lead=300

@@ -17,7 +17,9 @@ def record(n=300, n_ac=4, n_c=7, seed=0, noise=0.0, tail=40):
     theta = rng.standard_normal(n_ac + n_c + 1)
     y = rng.standard_normal(n + 2 * tail)
     lags = np.arange(-n_ac, n_c + 1)
-    r = np.array([sum(c * y[tail + t - k] for c, k in zip(theta, lags)) for t in range(n)])
+    r = np.array(
+        [sum(c * y[tail + t - k] for c, k in zip(theta, lags, strict=True)) for t in range(n)]
+    )
     return y, r + noise * rng.standard_normal(n), theta, tail
 
 

@@ -22,7 +22,8 @@ class OBF(Kernel):
     reflections 1/conj(pole) of poles outside). `direct` = n adds the taps k = 0, -1, .., -(n-1),
     n poles of (8) at the origin, which a plant of relative degree n-1 needs; the anti-causal
     functions then start at k = -n. `pole_spread` is the hyperprior's standard deviation on every
-    coordinate of the poles (logarithms of damping and frequency). D depends on the set of poles, not on their order.
+    coordinate of the poles (logarithms of damping and frequency). D depends on the set of poles,
+    not on their order.
 
     Source: 2018 kernel paper, equations (8), (9), (10), the product of phi' read as m = 0, -1, ..,
     k+1 and the poles of section 6 that lie outside reflected.
