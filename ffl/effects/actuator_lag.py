@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import MEAN, SLOPE, STEP
@@ -11,8 +10,7 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 
-@njit(error_model="numpy")
-def _moments(steps):  # type: ignore[no-untyped-def]
+def _moments(steps: float) -> tuple[float, float]:
     """Mean of exp(-a s) over 0 <= s <= 1 and its integral against 2 s - 1, a = `steps`."""
     if steps < 1e-3:
         return 1.0 - steps / 2.0 + steps * steps / 6.0, -steps / 6.0 + steps * steps / 12.0
@@ -25,17 +23,18 @@ def _moments(steps):  # type: ignore[no-untyped-def]
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: time_constant; s: lagged command. Exact for a command that runs straight over the step."""
+    """p: time_constant; s: lagged command, then constants of the step: mean and moment of the decay,
+    decay over the step. Exact for a command that runs straight over the step."""
     if p[0] <= 1e-9 * io[STEP]:
         return
     ratio = p[0] / io[STEP]
     u, slope = io[MEAN], io[SLOPE]
     follow = u - slope - 2.0 * ratio * slope  # the particular solution at the start of the step
     excess = s[0] - follow
-    mean, moment = _moments(1.0 / ratio)
+    mean, moment = s[1], s[2]
     io[MEAN] = u - 2.0 * ratio * slope + excess * mean
     io[SLOPE] = slope + 3.0 * excess * moment
-    s[0] = u + slope - 2.0 * ratio * slope + excess * np.exp(-1.0 / ratio)
+    s[0] = u + slope - 2.0 * ratio * slope + excess * s[3]
 
 
 class ActuatorLag(Effect):
@@ -51,7 +50,9 @@ class ActuatorLag(Effect):
     law = staticmethod(_law)
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0]
+        steps = step / max(packed[0], 1e-12 * step)
+        mean, moment = _moments(steps)
+        return [0.0, mean, moment, float(np.exp(-steps))]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"shape": s * motion.sample_time} for s in np.geomspace(0.25, 32.0, 8)]

@@ -30,10 +30,13 @@ def _force(p, x):  # type: ignore[no-untyped-def]
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """s: force at the start and at the end of the step (iterate). Newton: the stiffness of cogging
-    is small against the inertia over one step, so the second round leaves rounding."""
+    """s: force at the start and at the end of the step (iterate), position of that end. Newton: the
+    stiffness of cogging is small against the inertia over one step, so two rounds leave rounding."""
     if io[FIRST] != 0.0:
-        s[0], _ = _force(p, io[X0])
+        if abs(io[X0] - s[2]) * p[0] * p[1] < 1e-10:  # this step starts where the last one ended
+            s[0] = s[1]
+        else:
+            s[0], _ = _force(p, io[X0])
     xa, gx, _, _ = end_motion(io, s[0])
     end = s[1]
     for _ in range(8):
@@ -43,7 +46,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         turn = p[0] * p[1] * gx * change
         if turn * turn < 1e-13:
             break
-    s[1] = end
+    s[1], s[2] = end, xa + gx * end
     set_line(io, s[0], end)
 
 
@@ -77,7 +80,7 @@ class Cogging(Effect):
         return [2 * np.pi / values["period"], float(len(pairs)), *parts]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0, 0.0]
+        return [0.0, 0.0, np.inf]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         amplitudes = np.hypot(packed[2::2], packed[3::2])

@@ -48,7 +48,8 @@ class Compiler:
             if changed is not mechanics:
                 mechanics = changed
                 changes.append((spec.name, repr(values), repr(spec.options)))
-        sides: dict[Side, int] = {("sensor", None): 0}
+        points = Points(mechanics)
+        points.place(("sensor", None))
         actors: list[_Actor] = []
         for index, (effect, spec, values) in enumerate(
             zip(catalogue, effects, checked, strict=True)
@@ -57,27 +58,26 @@ class Compiler:
             law = effect.law_in(setting)
             if law is None:
                 continue
-            key = (effect.side_in(setting), setting.mass_ratio)
-            where = sides.setdefault(key, len(sides))
+            where = points.place((effect.side_in(setting), setting.mass_ratio))
             packed = effect.pack(values, setting)
             actors.append(_Actor(index, effect, effect.port_in(setting), where, law, packed))
-        for key in watch:
-            sides.setdefault(key, len(sides))
-        keys = [*sides, watch[-1]] if last else list(sides)
-        points = [mechanics.point(*key) for key in keys]
-        needed = self._substeps(actors, points)
+        for side in watch:
+            points.place(side)
+        if last:
+            points.append(watch[-1])
+        needed = self._substeps(actors, points.found)
         substeps = needed if substeps is None else substeps
-        key_of_all = (*changes, *keys, substeps)
-        discrete = self._prepared.get(key_of_all)
+        key = (*changes, *points.kept, substeps)
+        discrete = self._prepared.get(key)
         if discrete is None:
-            discrete = _discretise(mechanics, points, substeps)
+            discrete = _discretise(mechanics, points.found, substeps)
             if not changes:
-                self._prepared[key_of_all] = discrete
+                self._prepared[key] = discrete
         states = [actor.effect.initial_state(actor.packed, discrete.step) for actor in actors]
         return Program(
             mechanics,
             discrete,
-            tuple(keys),
+            points.index,
             np.array([actor.index for actor in actors], np.int64),
             np.array([address_of(actor.law) for actor in actors], np.int64),
             np.array([PORTS[actor.port] for actor in actors], np.int64),
@@ -108,6 +108,44 @@ class Compiler:
             stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * max(mobility, 0.0))
         angle = np.sqrt(stiffest) * self._plant.sample_time
         return int(np.clip(np.ceil(angle / STEP_ANGLE), 1, MOST_SUBSTEPS))
+
+
+class Points:
+    """The points that a set of effects needs; sides that are one and the same place share one."""
+
+    def __init__(self, mechanics: Mechanics) -> None:
+        self._mechanics = mechanics
+        self.found: list[Point] = []
+        self.kept: list[Side] = []
+        self.index: dict[Side, int] = {}
+
+    def place(self, side: Side) -> int:
+        """Index of the point of `side`."""
+        if side not in self.index:
+            point = self._mechanics.point(*side)
+            for k, known in enumerate(self.found):
+                if _same(point, known):
+                    self.index[side] = k
+                    return k
+            self.append(side)
+        return self.index[side]
+
+    def append(self, side: Side) -> None:
+        """A point of its own for `side`, at the end."""
+        self.index.setdefault(side, len(self.found))
+        self.found.append(self._mechanics.point(*side))
+        self.kept.append(side)
+
+
+def _same(one: Point, other: Point) -> bool:
+    return all(
+        np.allclose(a, b, rtol=1e-9, atol=1e-9 * float(np.abs(b).max(initial=0.0)))
+        for a, b in (
+            (one.force, other.force),
+            (one.position, other.position),
+            (one.velocity, other.velocity),
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -148,7 +186,7 @@ class Program:
 
     mechanics: Mechanics
     discrete: Discrete
-    sides: tuple[Side, ...]
+    sides: dict[Side, int]
     index: Array
     addresses: Array
     ports: Array

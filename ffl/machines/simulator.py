@@ -37,7 +37,7 @@ class Simulation:
     u: Array
     contribution: Array
     end: Array
-    sides: tuple[Side, ...]
+    sides: dict[Side, int]
     positions: Array
     velocities: Array
     mass: float
@@ -56,7 +56,11 @@ class Simulation:
 
     def motion(self, side: str = "sensor", mass_ratio: float | None = None) -> Motion:
         """Motion of a side that an effect acted on or that the run was told to watch."""
-        k = self.sides.index((side, mass_ratio))
+        if (side, mass_ratio) not in self.sides:
+            raise InputError(
+                f"motion of side '{side}' was not watched in this run; add it to watch"
+            )
+        k = self.sides[side, mass_ratio]
         v = np.ascontiguousarray(self.velocities[:, k])
         step = float(self.t[1] - self.t[0])
         a = np.gradient(v, step)
