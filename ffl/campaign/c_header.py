@@ -72,7 +72,7 @@ def _array(name: str, sections: tuple[Section, ...]) -> str:
         f"  {{{{{_numbers(s.a)}}}, {{{_numbers(s.b)}}}, {{{_numbers(s.c)}}}, {s.d!r}, "
         f"{{{_numbers(s.gain)}}}, {{{_numbers(s.rest)}}}}},"
         for s in sections
-    ] or ["  {{0}},"]
+    ] or ["  {{0, 0, 0, 0}, {0, 0}, {0, 0}, 0, {0, 0}, {0, 0}},"]
     return f"static const ffl_section {name}[] = {{\n" + "\n".join(rows) + "\n};\n"
 
 
@@ -82,7 +82,7 @@ def c_header(realisation: Realisation, told: str) -> str:
     frictions = [
         f"{{{f['level_positive']!r}, {f['level_negative']!r}, {f['velocity']!r}}}"
         for f in r.friction
-    ] or ["{0}"]
+    ] or ["{0, 0, 0}"]
     sample_time = r.friction[0]["sample_time"] if r.friction else 1.0
     most = max(len(r.forwards), len(r.backwards), 1)
     return "\n".join(

@@ -75,7 +75,7 @@ def _column(form: FileForm, sample_time: float, folder: Path) -> tuple[Path, Arr
                 sample_time, t=columns["t"], r=columns[form.column], y=columns[form.column],
                 source=str(path),
             )  # fmt: skip
-            check_recording(plain, sample_time)
+            check_recording(plain, sample_time, table.where)
             return path, plain.r
     recording = read_recording(path, mapping, sample_time=sample_time)
     if form.column not in ("r", "y", "f", "u"):

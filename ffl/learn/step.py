@@ -12,6 +12,7 @@ from ffl.errors import InputError
 from ffl.learn.constraints import Constraints
 from ffl.learn.coordinates import orthonormal
 from ffl.learn.norm_optimal import NormOptimal, UpdateReport
+from ffl.learn.standard_errors import standard_errors
 from ffl.learn.weights import Weights, apply_weight, is_zero
 from ffl.recordings import Recording
 from ffl.systems import Plant, StateSpace
@@ -25,9 +26,9 @@ class Step:
     theta: next parameters (n,); feedforward: next f (N,), input units; previous: the parameters
     that the recording was made with. error: r - y as recorded; start: what of it decays from the
     unknown state of the first sample; predicted: r - y expected with the next feedforward, from
-    rest. std_error: of theta, from the residual with its autocorrelation. servo: what the
-    controller itself does for the reference, ((C_r - C_y) r) in the basis, so that theta + servo
-    is the force on the plant (zero where the controller acts on r - y).
+    rest. std_error: of theta, from the residual's spectrum. servo: what the controller itself does
+    for the reference, (C_r - C_y) r in the basis, so that theta + servo is the force on the plant
+    (zero where the controller acts on r - y).
     """
 
     names: tuple[str, ...]
@@ -59,6 +60,9 @@ def learn_from_recording(
     d whatever else the recorded f holds (a known injection), O x_0 the response to the state x_0 in
     which the closed loop was when the recording began. x_0 is estimated together with theta by QR
     and its part taken out, so a recording cut out of a running motion teaches without bias.
+    It is one step of learning, with the model's SP: where machine and model differ, theta is off by
+    that difference times what the step has to correct (2 % of the mass for a carriage of 90 kg with
+    300 N s/m learned with the EMPS model, 0.1 % after the second step).
     Raises `InputError` where the recording and the model do not fit. Cost O(N (n + n_x)^2).
     """
     _check(model, recording)
@@ -97,7 +101,7 @@ def learn_from_recording(
         error,
         start,
         predicted,
-        _standard_errors(joint, target, weights, len(theta)),
+        standard_errors(joint, apply_weight(weights.error, predicted), updater.loop),
         servo.theta(servo.coordinates(command)),
         update.report,
         t,
@@ -151,22 +155,6 @@ def _joint(
     theta = joint.theta(joint.coordinates(np.concatenate(right)))
     state = basis.theta(basis.coordinates(b - columns @ theta))
     return free @ state, clean
-
-
-def _standard_errors(columns: Array, target: Array, weights: Weights, n: int) -> Array:
-    """Newey and West's: the residual is coloured, so its scores' autocovariance enters (Bartlett
-    window of 2 N^(1/3) lags)."""
-    coordinates = orthonormal(columns)
-    b = apply_weight(weights.error, target)
-    residual = b - coordinates.q @ (coordinates.q.T @ b)
-    scores = coordinates.q * residual[:, None]
-    lags = int(2 * len(b) ** (1 / 3))
-    total = scores.T @ scores
-    for lag in range(1, lags + 1):
-        part = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (lags + 1.0)) * (part + part.T)
-    covariance = coordinates.back @ total @ coordinates.back.T
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0))[:n]
 
 
 def _servo(model: Plant, reference: Array) -> Array:

@@ -76,12 +76,16 @@ def read_results(folder: Path) -> dict[str, Any]:
 def read_folders(folders: Sequence[Path]) -> list[FinishedRun]:
     """Every run with at least one trial; labelled by run, and by folder where there are several."""
     found: list[FinishedRun] = []
+    folders = list(dict.fromkeys(folders))
+    short = len({folder.name for folder in folders}) == len(folders)
     for folder in folders:
         results = read_results(folder)
         campaign = load_campaign(folder / "campaign.toml")
         for entry in results["runs"]:
             if entry["error_norm"]:
-                label = entry["name"] if len(folders) == 1 else f"{folder.name}/{entry['name']}"
+                label = f"{folder.name if short else folder}/{entry['name']}"
+                if len(folders) == 1:
+                    label = entry["name"]
                 found.append(
                     FinishedRun(label, folder, campaign, campaign.run(entry["name"]), entry)
                 )

@@ -20,6 +20,13 @@ def run_with_report(
 ) -> Outcome:
     """Runs the campaign into `out` (default runs/NAME) and writes report.html beside the data."""
     folder = out if out is not None else Path("runs") / campaign.name
+    outcome = _run(campaign, folder, jobs, resume, quiet)
+    if any(run["error_norm"] for run in outcome.results["runs"]):
+        write_report([folder], folder / "report.html")
+    return outcome
+
+
+def _run(campaign: Campaign, folder: Path, jobs: int, resume: bool, quiet: bool) -> Outcome:
     done: dict[str, int] = {}
     total = len(campaign.runs) * campaign.trials
     with progress(campaign.name, total, quiet) as advance:
@@ -28,10 +35,7 @@ def run_with_report(
             done[run] = trial
             advance(sum(done.values()), f"{run}, trial {trial}: ||e|| = {norm:.3g}")
 
-        outcome = run_campaign(campaign, folder, jobs, resume, tell)
-    if any(run["error_norm"] for run in outcome.results["runs"]):
-        write_report([folder], folder / "report.html")
-    return outcome
+        return run_campaign(campaign, folder, jobs, resume, tell)
 
 
 def write_report(folders: Sequence[Path], target: Path) -> None:
@@ -60,11 +64,13 @@ def rerun_folder(folder: Path, out: Path | None, jobs: int, quiet: bool) -> bool
     """Runs the folder's resolved campaign again; True where every number is the same to the bit."""
     before = read_results(folder)
     campaign = load_campaign(folder / "campaign.toml")
-    with tempfile.TemporaryDirectory() as scratch:
-        target = out if out is not None else Path(scratch) / "again"
-        outcome = run_with_report(campaign, target, jobs, quiet=quiet)
+    if out is not None:
+        results = run_with_report(campaign, out, jobs, quiet=quiet).results
+    else:
+        with tempfile.TemporaryDirectory() as scratch:
+            results = _run(campaign, Path(scratch) / "again", jobs, False, quiet).results
     rows, same = [], True
-    for old, new in zip(before["runs"], outcome.results["runs"], strict=True):
+    for old, new in zip(before["runs"], results["runs"], strict=True):
         equal = _numbers(old) == _numbers(new)
         same &= equal
         difference = _difference(old["error_norm"], new["error_norm"])

@@ -1,0 +1,73 @@
+"""A small stage and a campaign on it, written to a folder of the test."""
+
+import textwrap
+
+import pytest
+
+PLANT = """
+name = "stage"
+sample_time = 0.001
+[units]
+input = "N"
+output = "m"
+[plant]
+form = "zpk"
+zeros = [-1.0]
+poles = [1.0, 1.0]
+gain = {gain}
+[controller]
+form = "zpk"
+zeros = [0.98]
+poles = [0.75]
+gain = 5.0e5
+[machine]
+sensor_noise = 1.0e-7
+force_noise = 0.01
+encoder_resolution = 1.0e-7
+"""
+
+CAMPAIGN = """
+name = "small"
+seed = 3
+trials = {trials}
+model = "model.toml"
+machine = "machine.toml"
+[reference]
+kind = "moves"
+moves = [{{ start = 0.05, distance = 0.05, velocity = 0.4, acceleration = 5.0, jerk = 300.0 }}]
+duration = {duration}
+[second_reference]
+kind = "moves"
+moves = [{{ start = 0.05, distance = -0.03, velocity = 0.2, acceleration = 4.0, jerk = 300.0 }}]
+duration = 0.5
+[[runs]]
+name = "derivatives"
+basis = [{{ kind = "derivatives", orders = ["velocity", "acceleration"] }}]
+weights = {{ error = 1.0, feedforward = 1e-14 }}
+[[runs]]
+name = "fir"
+basis = [{{ kind = "fir", preview = 2, lag = 2 }}]
+weights = {{ error = 1.0, feedforward = 1e-14 }}
+[[runs]]
+name = "free"
+basis = [{{ kind = "free" }}]
+weights = {{ error = 1.0, feedforward = 1e-12 }}
+"""
+
+
+@pytest.fixture
+def write_campaign(tmp_path):
+    """Writes model, machine and campaign; `replace` edits the campaign's text."""
+
+    def write(*replace, trials=3, duration=0.5, name="small.toml"):
+        (tmp_path / "model.toml").write_text(PLANT.format(gain=5.0e-8))
+        (tmp_path / "machine.toml").write_text(PLANT.format(gain=4.8e-8))
+        text = CAMPAIGN.format(trials=trials, duration=duration)
+        for old, new in replace:
+            assert old in text
+            text = text.replace(old, textwrap.dedent(new))
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write

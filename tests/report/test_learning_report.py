@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ffl.campaign import load_campaign, run_campaign
+from ffl.report.finished import cumulative_power, motion_interval, pre_actuation, read_folders
+from ffl.report.learning import run_with_report, write_report
+
+
+@given(st.integers(2, 200), st.integers(0, 2**32 - 1))
+def test_cumulative_power_ends_at_the_energy(n, seed):
+    signal = np.random.default_rng(seed).standard_normal(n)
+    frequencies, power = cumulative_power(signal, 0.01)
+    assert len(frequencies) == len(power) == n // 2 + 1
+    assert np.all(np.diff(power) >= 0)
+    assert power[-1] == pytest.approx(np.sum(signal**2))
+
+
+def test_a_sine_steps_at_its_frequency():
+    t = np.arange(1000) * 1e-3
+    f, power = cumulative_power(np.sin(2 * np.pi * 50 * t), 1e-3)
+    assert power[f < 49.5][-1] < 1e-20
+    assert power[f >= 50][0] == pytest.approx(500.0)
+
+
+def test_motion_and_pre_actuation():
+    reference = np.r_[np.zeros(100), np.linspace(0, 1, 50), np.ones(100)]
+    start, end = motion_interval(reference, 0.1)
+    assert (start, end) == pytest.approx((10.0, 14.9))
+    feedforward = np.zeros(250)
+    feedforward[60:120] = 1.0
+    feedforward[40] = 1e-4
+    assert pre_actuation(feedforward, 100) == 40
+    assert pre_actuation(feedforward, 50) == 0
+    assert pre_actuation(np.zeros(250), 100) == 0
+    assert motion_interval(np.zeros(5), 0.1) == (0.0, 0.0)
+
+
+def test_the_report_holds_every_figure(write_campaign, tmp_path):
+    campaign = load_campaign(write_campaign())
+    run_with_report(campaign, tmp_path / "out", quiet=True)
+    text = (tmp_path / "out" / "report.html").read_text()
+    for title in (
+        "Error norm of every trial",
+        "Reference",
+        "Error and feedforward of the last trial",
+        "Plant P against the inverse of the learned feedforward",
+        "Impulse response of the model",
+        "Normalised cumulative power spectrum of the last error",
+        "Parameters of every trial",
+    ):
+        assert f"<b>{title}" in text
+    assert text.count("<figure>") == 7
+    assert "A reference that was never learned" in text
+    for run in read_folders([tmp_path / "out"]):
+        assert f"<td>{run.label}</td>" in text
+        assert f"{run.error_norm[-1]:.4g}" in text
+
+
+def test_folders_are_compared(write_campaign, tmp_path):
+    run_campaign(load_campaign(write_campaign()), tmp_path / "one")
+    other = write_campaign(
+        ("distance = 0.05", "distance = 0.02"), ('name = "fir"', 'name = "taps"')
+    )
+    run_campaign(load_campaign(other), tmp_path / "two")
+    write_report([tmp_path / "one", tmp_path / "two"], tmp_path / "both.html")
+    text = (tmp_path / "both.html").read_text()
+    assert "<td>one/fir</td>" in text
+    assert "<td>two/taps</td>" in text
+    assert text.count("<b>Reference.") == 2  # the references differ, so each is shown
+    assert text.count("<b>Impulse response") == 1  # the models do not
+
+
+def test_the_response_is_that_of_the_learned_filter(write_campaign, tmp_path):
+    run_campaign(load_campaign(write_campaign()), tmp_path / "out")
+    fir = next(run for run in read_folders([tmp_path / "out"]) if run.label == "fir")
+    taps = dict(zip(range(-2, 3), fir.theta[-1], strict=True))
+    z = np.exp(2j * np.pi * 30.0 * 1e-3)
+    expected = sum(value * z**-k for k, value in taps.items())
+    assert fir.response(np.array([30.0]))[0] == pytest.approx(expected)

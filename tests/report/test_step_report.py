@@ -1,0 +1,220 @@
+"""`ffl step`: known parameters come back, also where the recording begins in motion."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ffl.bases import make_basis
+from ffl.cli import execute
+from ffl.errors import InputError
+from ffl.learn import Weights
+from ffl.learn.step import learn_from_recording
+from ffl.recordings import Recording, read_recording, write_recording
+from ffl.systems import Controller, Plant, Zpk, closed_loop, load_plant
+
+ROOT = Path(__file__).resolve().parents[2]
+T = 1e-3
+
+
+def servo(mass, viscous=0.0):
+    """EMPS's servo on a carriage, held in continuous time by a zero-order hold with friction."""
+    model = load_plant("emps")
+    if viscous == 0.0:
+        gain = T**2 / (2 * mass)
+        return Plant("carriage", Zpk([-1.0], [1.0, 1.0], gain, T), model.controller)
+    p = np.exp(-viscous / mass * T)
+    # x = 1/(b s (tau s + 1)) under a zero-order hold, tau = mass/viscous.
+    tau = mass / viscous
+    b1, b0 = T + tau * (p - 1), tau * (1 - p) - T * p
+    system = Zpk([-b0 / b1], [1.0, p], b1 / viscous, T)
+    return Plant("carriage", system, model.controller)
+
+
+def motion(n=6000):
+    t = np.arange(n) * T
+    return 0.1 * (1 - np.cos(2 * np.pi * 0.5 * t)) * (1 - np.exp(-2 * t)) ** 4
+
+
+def recorded(plant, reference, first=0, feedforward=None, noise=0.0, seed=0):
+    f = np.zeros(len(reference)) if feedforward is None else feedforward
+    v = noise * np.random.default_rng(seed).standard_normal(len(reference))
+    loop = closed_loop(plant.system, plant.controller).system
+    y, u = loop.filter(np.column_stack([reference, f, 0 * f, v])).T
+    t = np.arange(len(reference)) * T
+    whole = Recording(t, reference, f, u, y, sample_time=T)
+    return whole[first : len(reference)]
+
+
+BASIS = [{"kind": "derivatives", "orders": ["acceleration", "velocity"]}]
+
+
+@pytest.mark.parametrize("first", [0, 1700])
+def test_mass_and_damping_of_a_simulated_carriage(first):
+    recording = recorded(servo(90.0, 300.0), motion(), first, noise=1e-8)
+    step = learn_from_recording(
+        load_plant("emps"), make_basis(BASIS, T), recording, Weights(1.0, 1e-20)
+    )
+    mass, viscous = step.theta + step.servo
+    assert mass == pytest.approx(90.0, rel=0.025)
+    assert viscous == pytest.approx(300.0, rel=0.02)
+    assert np.linalg.norm(step.predicted) < 1e-2 * np.linalg.norm(step.error - step.start)
+    assert step.report.kkt_residual < 1e-10
+
+
+def test_the_next_trial_is_better_and_teaches_the_rest():
+    plant, reference = servo(90.0, 300.0), motion()
+    basis, model = make_basis(BASIS, T), load_plant("emps")
+    first = recorded(plant, reference)
+    step = learn_from_recording(model, basis, first, Weights(1.0, 1e-20))
+    second = recorded(plant, reference, feedforward=step.feedforward)
+    assert np.linalg.norm(second.error) < 0.01 * np.linalg.norm(first.error)
+    again = learn_from_recording(model, basis, second, Weights(1.0, 1e-20), previous=step.theta)
+    assert again.notes == ()
+    mass, viscous = again.theta + again.servo
+    assert mass == pytest.approx(
+        90.15, rel=1e-3
+    )  # b T/2 = 0.15 kg: the held force is half a sample late
+    assert viscous == pytest.approx(300.0, rel=2e-3)
+
+
+def test_a_known_injection_is_not_learned():
+    reference = motion()
+    pulses = 20.0 * (np.arange(len(reference)) % 1500 < 200)
+    basis, model = make_basis(BASIS, T), load_plant("emps")
+    plain = recorded(servo(95.1), reference)
+    pushed = recorded(servo(95.1), reference, feedforward=pulses)
+    one = learn_from_recording(model, basis, plain, Weights(1.0, 1e-20))
+    other = learn_from_recording(model, basis, pushed, Weights(1.0, 1e-20))
+    np.testing.assert_allclose(other.theta, one.theta, rtol=1e-6)
+    assert "known injection" in other.notes[0]
+
+
+def test_standard_errors_cover_the_truth():
+    """White sensor noise: the spread of theta over noises is what the standard error says."""
+    basis, model, reference = make_basis(BASIS, T), load_plant("emps"), motion(3000)
+    thetas, said = [], []
+    for seed in range(40):
+        recording = recorded(servo(95.1), reference, noise=1e-4, seed=seed)
+        step = learn_from_recording(model, basis, recording, Weights(1.0, 1e-20))
+        thetas.append(step.theta)
+        said.append(step.std_error)
+    ratio = np.mean(said, axis=0) / np.std(thetas, axis=0)
+    assert np.all((ratio > 0.7) & (ratio < 2.2))
+
+
+def test_a_one_degree_servo_does_nothing_of_its_own():
+    controller = Controller.of_error(Zpk([0.98], [0.75], 5e5, T))
+    plant = Plant("stage", Zpk([-1.0], [1.0, 1.0], 5e-8, T), controller)
+    step = learn_from_recording(
+        plant, make_basis(BASIS, T), recorded(plant, motion()), Weights(1.0, 1e-20)
+    )
+    assert np.all(step.servo == 0)
+    assert step.theta[0] == pytest.approx(10.0, rel=1e-3)
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_recording(recorded(servo(90.0, 300.0), motion(3000)), tmp_path / "trial.csv")
+    (tmp_path / "basis.toml").write_text(
+        'basis = [{ kind = "derivatives", orders = ["acceleration", "velocity"] }]\n'
+        "weights = { error = 1.0, feedforward = 1e-20 }\n[documented]\nacceleration = 90.0\n"
+    )
+    return ["step", "--model", "emps", "--basis", "basis.toml", "--trial", "trial.csv"]
+
+
+def test_step_writes_the_next_feedforward_and_its_state(files, tmp_path, capfd):
+    assert execute([*files, "--out", "one", "--json"]) == 0
+    answer = json.loads(capfd.readouterr().out)
+    assert abs(answer["documented"]["acceleration"]["relative"]) < 0.025
+    names = {path.name for path in (tmp_path / "one").iterdir()}
+    assert names == {"feedforward.csv", "state.json", "answer.json", "report.html"}
+    table = np.loadtxt(tmp_path / "one" / "feedforward.csv", delimiter=",", skiprows=1)
+    state = json.loads((tmp_path / "one" / "state.json").read_text())
+    assert state["trial"] == 1
+    basis = make_basis(BASIS, T)
+    np.testing.assert_allclose(
+        table[:, 2], basis.regressors(table[:, 1]) @ np.array(state["theta"]), rtol=1e-9, atol=1e-9
+    )
+    # The next trial ran with that feedforward; the step after it starts from the state.
+    write_recording(
+        recorded(servo(90.0, 300.0), table[:, 1], feedforward=table[:, 2]), tmp_path / "trial.csv"
+    )
+    assert execute([*files, "--state", "one/state.json", "--out", "two", "--json"]) == 0
+    following = json.loads(capfd.readouterr().out)
+    assert following["trial"] == 2
+    assert following["error_norm"] < 0.1 * answer["error_norm"]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "says"),
+    [
+        ("basis.toml", "acceleration =", "mass =", "documented.mass: not a parameter"),
+        ("basis.toml", "weights", "wieghts", "unknown key 'wieghts'"),
+        ("basis.toml", "error = 1.0", "error = 0.0", "weights.error = 0 must be positive"),
+        ("basis.toml", 'kind = "derivatives"', 'kind = "derivates"', "did you mean 'derivatives'"),
+        ("trial.csv", "0.001,", "nan,", "column t"),
+        ("trial.csv", "t,r,", "t,x,", "reference r is missing"),
+    ],
+)
+def test_mistakes_write_nothing(file, old, new, says, files, tmp_path, capfd):
+    path = tmp_path / file
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    assert execute([*files, "--out", "one"]) == 2
+    captured = capfd.readouterr()
+    assert len(captured.err.splitlines()) == 1
+    assert says in captured.err
+    assert not (tmp_path / "one").exists()
+
+
+@pytest.mark.parametrize(
+    ("state", "says"),
+    [
+        ("{}", "not a state"),
+        ("not json", "not a state"),
+        ('{"schema": 1, "names": ["mass"], "theta": [1.0], "trial": 1}', "not those of the basis"),
+        (
+            '{"schema": 1, "names": ["acceleration", "velocity"], "theta": [1.0], "trial": 1}',
+            "give 2 finite numbers",
+        ),
+    ],
+)
+def test_a_wrong_state_is_refused(state, says, files, tmp_path, capfd):
+    (tmp_path / "state.json").write_text(state)
+    assert execute([*files, "--state", "state.json", "--out", "one"]) == 2
+    assert says in capfd.readouterr().err
+    assert not (tmp_path / "one").exists()
+
+
+def test_another_sample_time_is_refused():
+    recording = recorded(servo(95.1), motion(200))
+    slower = Recording(
+        recording.t * 2, recording.r, recording.f, recording.u, recording.y, sample_time=2 * T
+    )
+    with pytest.raises(InputError, match="resample one of them"):
+        learn_from_recording(load_plant("emps"), make_basis(BASIS, T), slower, Weights())
+
+
+def emps(name):
+    folder = Path(os.environ.get("FFL_DATA") or ROOT.parent / "shared" / "data")
+    path = folder / "emps" / name
+    if not path.is_file():
+        pytest.skip(f"{name} is missing in {folder}; get it from nonlinearbenchmark.org (EMPS)")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("file", "map", "bound"),
+    [("DATA_EMPS.mat", "emps", 0.03), ("DATA_EMPS_PULSES.mat", "emps_pulses", 0.1)],
+)
+def test_emps_teaches_its_mass_and_friction(file, map, bound):
+    """Documented: 95.1 kg, 203.5 N s/m, 20.4 N; one step on the real recording."""
+    recording = read_recording(emps(file), map)
+    basis = make_basis([*BASIS, {"kind": "friction"}], T)
+    step = learn_from_recording(load_plant("emps"), basis, recording, Weights(1.0, 1e-20))
+    np.testing.assert_allclose(step.theta + step.servo, [95.1, 203.5, 20.4], rtol=bound)
