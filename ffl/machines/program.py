@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from ffl.effects import Effect, Setting, effect_of
 from ffl.effects.base import Law
 from ffl.effects.law import address_of
 from ffl.effects.mechanics import Mechanics, Point
 from ffl.errors import InputError
+from ffl.machines.exponential import exponential
 from ffl.machines.kernel import PORTS
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -210,9 +210,9 @@ def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> Discret
     block = np.zeros((n + 2 * k, n + 2 * k))
     block[:n, :n], block[:n, n : n + k] = m.a * h, inputs * h
     block[n : n + k, n + k :] = np.eye(k)
-    exponential = scipy.linalg.expm(block)
-    a, level = exponential[:n, :n], exponential[:n, n : n + k]
-    slope = 2.0 * exponential[:n, n + k :] - level  # the ramp s/h enters as its own integral
+    whole = exponential(block)
+    a, level = whole[:n, :n], whole[:n, n : n + k]
+    slope = 2.0 * whole[:n, n + k :] - level  # the ramp s/h enters as its own integral
     if m.exact is not None and substeps == 1:
         a, level = m.exact.a, np.column_stack([m.exact.b[:, 0], level[:, 1:]])
     count = len(points)

@@ -84,8 +84,8 @@ def test_open_loop_replays_the_closed_one():
 @pytest.mark.parametrize("delay", [0, 3])
 def test_end_state_continues_the_run(delay):
     simulator = Simulator(stage(delay))
-    r, f, w, v = signals(n=1000)
-    whole = simulator.run((), r, f, force=None, noise=v)
+    r, f, _, v = signals(n=1000)
+    whole = simulator.run((), r, f, noise=v)
     first = simulator.run((), r[:401], f[:401], noise=v[:401])
     second = simulator.run((), r[401:], f[401:], noise=v[401:], start=first.end)
     assert worst(np.concatenate([first.y, second.y]), whole.y) < 1e-13
@@ -194,3 +194,17 @@ def test_signals_of_unequal_length_are_refused():
         Simulator(stage()).run((), np.zeros(5), np.zeros(6))
     with pytest.raises(InputError, match="start has shape"):
         Simulator(stage()).run((), np.zeros(5), start=np.zeros(2))
+
+
+def test_exponential_is_scipys():
+    import scipy.linalg
+
+    from ffl.machines.exponential import exponential
+
+    rng = np.random.default_rng(0)
+    for n, size in ((1, 0.0), (3, 1e-6), (8, 1.0), (14, 30.0)):
+        a = size * rng.standard_normal((n, n)) / max(n, 1)
+        truth = scipy.linalg.expm(a)
+        assert np.abs(exponential(a) - truth).max() < 1e-11 * np.abs(truth).max()
+    assert np.abs(exponential(np.array([[0.0, 2.0], [-2.0, 0.0]]))
+                  - [[np.cos(2), np.sin(2)], [-np.sin(2), np.cos(2)]]).max() < 1e-15  # fmt: skip
