@@ -13,8 +13,9 @@ from ffl.errors import InputError, WorkError
 from ffl.identify.linear.coordinates import Point, Port, Structure
 from ffl.identify.linear.delay import estimate_delay
 from ffl.identify.linear.ladder import Candidate, choose, held_out
-from ffl.identify.linear.levenberg import Fitted, Problem, minimise
+from ffl.identify.linear.levenberg import Fitted, minimise
 from ffl.identify.linear.noise import independence, uncertainty, whiteness
+from ffl.identify.linear.problem import Problem
 from ffl.identify.linear.result import LinearModel, Rung
 from ffl.identify.linear.roots import pole_estimates, zero_estimates
 from ffl.identify.linear.search import Method, Noise, Search, extended
@@ -129,7 +130,7 @@ def best_linear(
     offset: Literal["auto", "none", "output", "input"] = "auto",
     noise: Noise = "white",
     n_folds: int = 5,
-    tolerance: float = 0.01,
+    tolerance: float = 0.02,
     max_iterations: int = 50,
 ) -> LinearModel:
     """The linear model whose order (and delay, and number of integrators) held-out data choose.
@@ -137,8 +138,9 @@ def best_linear(
     Every candidate is fitted on all data and, from there, on the data without each of `n_folds`
     contiguous blocks; its error is that of the run through the blocks left out (the first part of a
     recording is never left out: it gives the initial state). Chosen is the candidate with the
-    fewest parameters whose held-out error is within one standard error (paired over blocks) or
-    within the fraction `tolerance` of the best. `delays` None: none, and what `estimate_delay`
+    fewest parameters whose held-out error is within one standard error (paired over blocks) of the
+    best, or within the fraction `tolerance` of it and a thousandth of the output's variance.
+    `delays` None: none, and what `estimate_delay`
     finds. The rest as in `fit_linear`, all rungs in `ladder`.
     """
     pieces = as_signals(recordings)

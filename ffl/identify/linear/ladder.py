@@ -8,11 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.identify.linear.coordinates import Structure
-from ffl.identify.linear.levenberg import Fitted, Problem, minimise
+from ffl.identify.linear.levenberg import Fitted, minimise
+from ffl.identify.linear.problem import Problem
 from ffl.identify.linear.result import Rung
 from ffl.identify.linear.signals import fold_weights
 from ffl.systems.state_space import Array
 
+NEGLIGIBLE = 1e-3  # of the output's variance: what a simpler model may cost at most
+ROUNDING = 1e-18  # of the output's variance: below it every model is exact
 SUB_BLOCKS = 8  # per held-out block, for the paired standard error
 
 
@@ -54,7 +57,7 @@ def held_out(fitted: Fitted, problem: Problem, n_folds: int) -> Candidate:
 
 def choose(candidates: Sequence[Candidate], tolerance: float) -> tuple[int, tuple[Rung, ...]]:
     """Index of the chosen candidate and all rungs: fewest parameters within one standard error of
-    the best, or within the fraction `tolerance` of its NRMSE.
+    the best, or within the fraction `tolerance` of its NRMSE and a thousandth of the variance.
 
     A fit that ended on the stability limit (a pole driven onto the unit circle by what is not
     linear) is shown but not chosen while there is another.
@@ -79,7 +82,9 @@ def choose(candidates: Sequence[Candidate], tolerance: float) -> tuple[int, tupl
                 candidate.status,
             )
         )
-        close = excess <= error or np.sqrt(means[index]) <= (1 + tolerance) * np.sqrt(means[best])
+        alike = np.sqrt(means[index]) <= (1 + tolerance) * np.sqrt(means[best])
+        exact = means[index] <= ROUNDING
+        close = exact or excess <= error or (alike and excess <= NEGLIGIBLE)
         if index in allowed and close and _size(candidate) < _size(candidates[chosen]):
             chosen = index
     return chosen, tuple(rungs)

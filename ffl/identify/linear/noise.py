@@ -11,7 +11,7 @@ import scipy.signal
 import scipy.stats
 
 from ffl.identify.linear.coordinates import Point, Tangent, tangent
-from ffl.identify.linear.levenberg import Problem, without
+from ffl.identify.linear.problem import Problem, without
 from ffl.systems.state_space import Array
 
 
@@ -97,7 +97,7 @@ def uncertainty(problem: Problem, point: Point) -> Uncertainty:
         middle = np.zeros((int(keep.sum()), int(keep.sum())))
         for piece in problem.pieces:
             dy, _ = problem.jacobian(point, directions, piece)
-            q = dy @ to_step
+            q = dy[: -problem.predictor.matrix(point).shape[0] + 1] @ to_step
             coloured = scipy.signal.lfilter([1.0], autoregression, q[::-1], axis=0)
             triangle = np.linalg.qr(coloured, mode="r")
             middle += triangle.T @ triangle
@@ -151,10 +151,9 @@ def independence(
     q = noise.directions.offset.size
     first = 0 if problem.structure.feedthrough or signal != "u" else 1
     stack = np.zeros((0, q + lags + 1))
-    errors = []
     for piece, x in zip(problem.pieces, inputs, strict=True):
         dy, error = white.jacobian(point, noise.directions, piece)
-        errors.append(error)
+        found = white.residual(point, piece)
         x = x - x.mean()
         padded = np.concatenate([np.zeros(lags + nd + 1), x])
         offset = lags + nd + 1 + x.size - problem.predictor.target(piece).size
@@ -163,7 +162,8 @@ def independence(
             [padded[offset + t - (0 if signal != "u" else nd) - first - j] for j in range(lags)]
         )
         delayed = white.whiten(delayed)
-        delayed = without(white.residual(point, piece).basis, delayed)
+        below = found.below @ (found.basis.T @ delayed[: len(found.basis)])
+        delayed = np.vstack([without(found.basis, delayed), -below])
         rows = np.linalg.qr(np.column_stack([dy, delayed, error]), mode="r")
         stack = np.linalg.qr(np.vstack([stack, rows]), mode="r")
     inner = stack[q : q + lags, q : q + lags]

@@ -1,5 +1,6 @@
 """From a model to what predicts y: simulation, simulation in the loop, one-step prediction.
 
+A model is admissible where what it filters with is stable (spectral radius below 1 + slack).
 Each predictor is one matrix M: (x+, y) = M (x, inputs), with the derivatives of M along the local
 coordinates. Inputs end with a constant 1 where an offset is free.
 """
@@ -28,7 +29,7 @@ class Predictor(Protocol):
 
     def derivatives(self, point: Point, directions: Tangent) -> Array: ...
 
-    def admissible(self, point: Point) -> bool: ...
+    def admissible(self, point: Point, slack: float = 0.0) -> bool: ...
 
 
 def _with_constant(columns: list[Array], s: Structure) -> Array:
@@ -91,9 +92,9 @@ class Innovation:
             )
         return np.concatenate(parts, axis=1)
 
-    def admissible(self, point: Point) -> bool:
+    def admissible(self, point: Point, slack: float = 0.0) -> bool:
         poles = np.linalg.eigvals(point.a - np.outer(point.k, point.c))
-        return bool(np.all(np.isfinite(poles)) and np.abs(poles).max(initial=0.0) < 1.0)
+        return bool(np.all(np.isfinite(poles)) and np.abs(poles).max(initial=0.0) < 1.0 + slack)
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,7 @@ class Simulation:
         )
         return np.concatenate([known, column[:, None, :]], axis=1)
 
-    def admissible(self, point: Point) -> bool:
+    def admissible(self, point: Point, slack: float = 0.0) -> bool:
         m = self.structure.order - self.structure.integrators
         if self.closed:
             whole = self.matrix(point)
@@ -209,4 +210,4 @@ class Simulation:
             poles = np.linalg.eigvals(whole[:n, :n])
         else:
             poles = np.linalg.eigvals(point.a[:m, :m])
-        return bool(np.all(np.isfinite(poles)) and np.abs(poles).max(initial=0.0) < 1.0)
+        return bool(np.all(np.isfinite(poles)) and np.abs(poles).max(initial=0.0) < 1.0 + slack)

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ffl.errors import InputError
 from ffl.identify.linear.coordinates import Point, Structure
-from ffl.identify.linear.levenberg import Problem
 from ffl.identify.linear.noise import ResidualTest, Uncertainty
+from ffl.identify.linear.problem import Problem
 from ffl.identify.linear.roots import RootEstimate, response_std
 from ffl.identify.linear.search import Method, predictor_of
 from ffl.identify.linear.signals import Scale, as_signals
@@ -149,7 +149,7 @@ class LinearModel:
         stop = len(piece) if start_samples is None else start_samples + self.structure.delay
         problem = Problem(predictor, self.structure, (scaled,))
         noise = max(self.nrmse, 1e-6)
-        x0 = problem.likely_start(self.point, scaled.cut(0, stop), noise)
+        x0 = problem.residual(self.point, scaled.cut(0, stop), noise).x0
         output = problem.output(self.point, scaled, x0) * self.scale.y
         lost = len(piece) - output.size
         measured = piece.y[lost:]

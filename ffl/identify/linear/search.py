@@ -10,9 +10,10 @@ import numpy as np
 import scipy.linalg
 
 from ffl.identify.linear.coordinates import Point, Structure, linear_directions
-from ffl.identify.linear.levenberg import Fitted, Problem, linear_step, minimise
+from ffl.identify.linear.levenberg import Fitted, linear_step, minimise
 from ffl.identify.linear.noise import burg
 from ffl.identify.linear.predictors import Innovation, Predictor, Simulation
+from ffl.identify.linear.problem import Problem
 from ffl.identify.linear.signals import Scale, Signals
 from ffl.identify.linear.subspace import (
     LongModel,
@@ -102,6 +103,7 @@ class Search:
         starts = [*self.starts(s, trial), *more]
         if self.method == "closed_loop":
             starts += self._from_prediction(s)
+            starts += [self._shoot(problem, start) for start in starts[:1] + starts[-1:]]
         short = [minimise(trial, start, 6, 1e-2) for start in starts]
         good = [f for f in short if np.isfinite(f.cost)]
         if not good:
@@ -120,6 +122,19 @@ class Search:
         radius = np.abs(np.linalg.eigvals(fitted.point.a[:m, :m])).max()
         limit = 1.0 - 0.5 / max(len(piece) for piece in self.pieces)
         return replace(fitted, status="boundary") if radius > limit else fitted
+
+    def _shoot(self, problem: Problem, start: Point) -> Point:
+        """The start improved on short pieces first, then longer ones: a loop that is almost right
+        may be unstable, and the way to the right one then leads over the stability limit."""
+        longest = max(len(piece) for piece in problem.pieces)
+        shortest = 20 * (start.a.shape[0] + 2)
+        for parts in (32, 8, 2):
+            if longest // parts < shortest:
+                continue
+            found = minimise(problem.cut(longest // parts), start, 12, 1e-2)
+            if np.isfinite(found.cost):
+                start = found.point
+        return start
 
     def weighted(self, problem: Problem, best: Fitted, rounds: int = 3) -> tuple[Fitted, Problem]:
         """Alternates an autoregressive noise model and the fit weighted by its inverse."""
