@@ -67,7 +67,7 @@ def learn_from_recording(
     """
     _check(model, recording)
     t = model.sample_time
-    updater = NormOptimal(model, basis, recording.r, weights, constraints, path)
+    updater = NormOptimal(model, _GoingOn(basis), recording.r, weights, constraints, path)
     phi, response = updater.regressors, updater.response
     theta = np.zeros(basis.n_parameters) if previous is None else np.asarray(previous, float)
     if theta.shape != (basis.n_parameters,):
@@ -107,6 +107,28 @@ def learn_from_recording(
         t,
         tuple(notes),
     )
+
+
+class _GoingOn(Basis):
+    """`basis` for a recording cut out of a motion: beyond its samples the reference goes on at the
+    velocity it has there. Holding it, as for a trial at rest, would ask for an infinite force."""
+
+    REACH = 2000  # samples
+
+    def __init__(self, basis: Basis) -> None:
+        self.basis = basis
+
+    @property
+    def names(self) -> list[str]:
+        return self.basis.names
+
+    def regressors(self, reference: ArrayLike) -> Array:
+        r = np.asarray(reference, float)
+        steps = np.arange(1.0, self.REACH + 1)
+        before = r[0] - (r[1] - r[0]) * steps[::-1]
+        after = r[-1] + (r[-1] - r[-2]) * steps
+        whole = self.basis.regressors(np.concatenate([before, r, after]))
+        return whole[self.REACH : self.REACH + len(r)]
 
 
 def _check(model: Plant, recording: Recording) -> None:

@@ -193,7 +193,13 @@ def _figures(page: Page, step: Step, recording: Recording, unit_y: str, unit_f: 
         figure, axes = subplots(8.6, 5.8, 3, 1, sharex=True)
         over_time(axes[0], time, [("", recording.r)], f"reference [{unit_y}]")
         over_time(axes[1], time, [("", step.error), ("", step.predicted)], f"error [{unit_y}]")
-        axes[1].legend(axes[1].get_lines(), ["recorded", "predicted for the next trial"], ncols=2)
+        axes[1].legend(
+            axes[1].get_lines(),
+            ["recorded", "predicted for the next trial"],
+            ncols=2,
+            loc="lower right",
+            bbox_to_anchor=(1.0, 0.97),
+        )
         over_time(axes[2], time, [("", step.feedforward)], f"next feedforward [{unit_f}]")
         for ax in axes[:2]:
             ax.set_xlabel("")
