@@ -139,11 +139,11 @@ def _conclude(
     structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
     effects = standing.model.effects
     verdict, place = _verdict(standing, structure, proof)
-    before = steps[0].before if steps else standing
     quiet = replace(standing.scene, trials=scene.trials)
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
-    maps_after = where.maps(quiet, standing.fit.white)
+    left = quiet.residuals(standing.model) or []
+    maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
     if verdict != "nothing_missing":
         place = replace(
             place,

@@ -131,7 +131,7 @@ def _ranges(motions: Sequence[Motion]) -> dict[str, tuple[float, float]]:
 
 def free_form(scene: Scene, held: Scene | None, model: Model, standing: Fit | None = None):  # type: ignore[no-untyped-def]
     """The best smooth map beside `model`, judged on the held-out recordings; list best first."""
-    base = standing or fit(scene, model, rounds=3)
+    base = standing or fit(scene, model, rounds=2)
     train = Screen(scene, base)
     own = None
     if held is not None and held.trials:

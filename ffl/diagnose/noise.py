@@ -17,6 +17,10 @@ from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
 
 
+SLOWEST = 1.0  # Hz: lowest corner of coloured noise; what is slower is physics
+LOUDEST = 2.5  # most coloured noise beside the white: a louder one would pass friction for noise
+
+
 @dataclass(frozen=True)
 class Noise:
     """Standard deviations of white and first-order parts and their corners in Hz.
@@ -144,14 +148,19 @@ def fit_noise(
     weight = seen.weight * min(1.0, 4000.0 / seen.weight.sum())
     levels = _levels(seen, paths, floor)
     duration = max(len(x) for x in residuals) * loop.system.sample_time
-    corner = np.log([max(0.3, 2.0 / duration), 0.25 / loop.system.sample_time])
+    corner = np.log([max(SLOWEST, 2.0 / duration), 0.25 / loop.system.sample_time])
+    share = np.log([1e-3, LOUDEST])
     ranges = [np.log(level) + np.array([-9.0, 9.0]) for level in levels]
-    bounds = [ranges[0], ranges[1], ranges[0], corner, ranges[1], corner]
+    bounds = [ranges[0], ranges[1], share, corner, share, corner]
     believed = np.log([max(start.sensor, 1e-6 * levels[0]), max(start.force, 1e-6 * levels[1])])
 
     def unpack(p: Array) -> Noise:
-        sensor = float(np.hypot(np.exp(p[0]), floor))
-        return Noise(sensor, *(float(v) for v in np.exp(p[1:])))
+        sensor, *rest = (float(v) for v in np.exp(p))
+        if len(rest) == 1:
+            return Noise(float(np.hypot(sensor, floor)), rest[0])
+        return Noise(
+            float(np.hypot(sensor, floor)), rest[0], rest[1] * sensor, rest[2], rest[3] * rest[0], rest[4]
+        )  # fmt: skip
 
     def cost(p: Array) -> tuple[float, Array]:
         squares = np.exp(2.0 * p)
@@ -159,8 +168,11 @@ def fit_noise(
         slopes = [2.0 * parts[0], 2.0 * parts[1]]
         for path, size, corner_at in ((paths.sensor, 2, 3), (paths.force, 4, 5))[: len(p) // 3]:
             colour, slope = paths.colour_and_slope(np.exp(p[corner_at]))
-            parts.append(path * colour * squares[size])
-            slopes += [2.0 * parts[-1], path * slope * squares[size]]
+            white = size // 2 - 1
+            strength = squares[size] * squares[white]
+            parts.append(path * colour * strength)
+            slopes += [2.0 * parts[-1], path * slope * strength]
+            slopes[white] = slopes[white] + 2.0 * parts[-1]
         density = np.maximum(sum(parts) + paths.sensor * floor**2, 1e-300)
         value = float(np.sum(weight * (np.log(density) + seen.power / density)))
         factor = weight * (1.0 / density - seen.power / density**2)
@@ -172,19 +184,13 @@ def fit_noise(
     white, slow = np.log(levels), np.log([0.1, 0.3, 1.0])
     if coloured:
         begin = [
-            [
-                white[0],
-                white[1] + slow[0],
-                white[0] + slow[0],
-                np.log(30.0),
-                white[1],
-                np.log(15.0),
-            ],
-            [white[0], white[1], white[0] + slow[1], np.log(30.0), white[1] + slow[0], np.log(5.0)],
+            [white[0], white[1] + slow[1], slow[0], np.log(30.0), slow[2], np.log(15.0)],
+            [white[0], white[1], slow[1], np.log(30.0), slow[0], np.log(5.0)],
         ]
         if start.force_coloured > 0 and start.sensor_coloured > 0:
-            parts = [start.sensor, start.force, start.sensor_coloured, start.sensor_corner]
-            begin.append(list(np.log([*parts, start.force_coloured, start.force_corner])))
+            corners = [start.sensor_corner, start.force_corner]
+            shares = [start.sensor_coloured / start.sensor, start.force_coloured / start.force]
+            begin.append(list(np.log([start.sensor, start.force, shares[0], corners[0], shares[1], corners[1]])))
     else:
         bounds, begin = bounds[:2], [white, believed]
     low, high = np.array(bounds).T

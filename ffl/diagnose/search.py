@@ -60,16 +60,13 @@ def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> J
     first = fit(scene, model, rounds=rounds)
     if first.status == "diverged":
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
-    own = scene.with_noise_of(_raw(scene, first.model))
-    second = fit(own, first.model, rounds=max(3, rounds // 2), tolerance=0.05)
-    residuals = _raw(scene, second.model)
-    final = own.with_noise_of(residuals)
-    white = final.whiten(residuals)
+    # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
+    # let slow physics go as noise, and its absence in the score would take noise for physics.
+    residuals = _raw(scene, first.model)
+    own = scene.with_noise_of(residuals)
+    white = own.whiten(residuals)
     return Judged(
-        replace(second, white=white),
-        final,
-        final.log_likelihood(white),
-        *held_out(held, final, second.model),
+        first, own, own.log_likelihood(white), *held_out(held, scene, first.model)
     )
 
 
@@ -79,7 +76,12 @@ def _raw(scene: Scene, model: Model) -> list[Array]:
 
 
 def held_out(held: Scene | None, scene: Scene, model: Model) -> tuple[float, Array]:
-    """(log-likelihood, whitened residual) of recordings that nothing was fitted to."""
+    """(log-likelihood, whitened residual) of recordings that nothing was fitted to.
+
+    All rivals of a round are whitened alike and the scale is free, -n/2 log(mean square) with n the
+    effective number of samples: a held-out recording that shows something of its own (a faster
+    edge, say) must not make every better model look worse because its noise is smaller.
+    """
     if held is None or not held.trials:
         return 0.0, np.zeros(0)
     judged = replace(held, noise=scene.noise)
@@ -87,7 +89,16 @@ def held_out(held: Scene | None, scene: Scene, model: Model) -> tuple[float, Arr
     if residuals is None:
         return -np.inf, np.zeros(0)
     white = judged.whiten(residuals)
-    return judged.log_likelihood(white), white
+    return -0.5 * effective(white) * float(np.log(np.mean(white**2))), white
+
+
+def effective(white: Array, lags: int = 200) -> float:
+    """Independent samples that a residual with this correlation is worth in its sum of squares."""
+    lags = min(lags, len(white) // 4)
+    power = np.abs(np.fft.rfft(white, 2 * len(white))) ** 2
+    r = np.fft.irfft(power)[: lags + 1]
+    rho = r[1:] / max(r[0], 1e-300)
+    return len(white) / (1.0 + 2.0 * float(np.sum(rho**2)))
 
 
 @dataclass(frozen=True)
@@ -132,34 +143,25 @@ def contest(
     standing = judge(scene, held, model)
     steps: list[Step] = []
     for _ in range(most):
-        say(
-            f"{standing.name}: log-likelihood {standing.fitted:.1f}, held out {standing.held_out:.1f}"
-        )
-        # Physics still in the residual must not pass for noise: screen with the least noise seen.
-        quiet = replace(scene, noise=_quieter(scene, standing.scene))
-        base = fit(quiet, standing.model, rounds=4, tolerance=1.0)
-        screened = Screen(quiet, base).candidates()
+        say(f"{standing.name}: log-likelihood {standing.fitted:.1f}, held out {standing.held_out:.1f}")
+        # White noise no louder than what is left: slow physics must not pass for slow noise.
+        quiet = scene.with_noise_of(_raw(scene, standing.model), coloured=False)
+        base = judge(quiet, held, standing.model, rounds=4)
+        screened = Screen(quiet, base.fit).candidates()
         rivals = []
-        for c in shortlist([c for c in screened if c.spec.name not in standing.model.names]):
+        for c in shortlist([c for c in screened if c.spec.name not in base.model.names]):
             rival = judge(quiet, held, base.model.with_effect(c.spec))
-            say(f"  {rival.name}: {rival.score - standing.score:.1f}")
+            say(
+                f"  {rival.name}: {rival.fitted - base.fitted:+.1f} fitted, "
+                f"{rival.held_out - base.held_out:+.1f} held out"
+            )
             rivals.append(rival)
         rivals.sort(key=lambda j: -j.score)
         accepted = None
-        if rivals and rivals[0].score - standing.score > threshold:
+        if rivals and rivals[0].score - base.score > threshold:
             accepted = rivals[0]
-        steps.append(Step(standing, tuple(screened), tuple(rivals), accepted))
+        steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None:
             break
         standing = accepted
     return standing, steps
-
-
-def _quieter(a: Scene, b: Scene):  # type: ignore[no-untyped-def]
-    """The noise with the lower density at mid frequencies."""
-    from ffl.diagnose.noise import Paths
-
-    nyquist = 0.5 / a.loop.system.sample_time
-    paths = Paths.of(a.loop, np.geomspace(nyquist * 2e-3, nyquist * 0.2, 40))
-    lower = np.mean(np.log(a.noise.density(paths))) < np.mean(np.log(b.noise.density(paths)))
-    return a.noise if lower else b.noise
