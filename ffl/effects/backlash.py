@@ -19,6 +19,7 @@ from ffl.effects.law import (
     X0,
     X1,
 )
+from ffl.effects.mechanics import Mechanics
 from ffl.effects.paths import play
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -69,12 +70,12 @@ def _piece(p, io, x1, v1, begin, end):  # type: ignore[no-untyped-def]
     for node in range(-1, 2):
         f = middle + node * wide * 0.7745966692414834
         weight = wide * (8.0 / 9.0 if node == 0 else 5.0 / 9.0)
+        stretch, rate = _stretch(io, x1, v1, f)
         if x > half:
-            force = p[1] * half
+            force = p[1] * half - p[3] * rate
         elif x < -half:
-            force = -p[1] * half
+            force = -p[1] * half - p[3] * rate
         else:
-            stretch, rate = _stretch(io, x1, v1, f)
             force = p[1] * stretch + p[2] * rate
         total += weight * force
         moment += weight * (2.0 * f - 1.0) * force
@@ -82,7 +83,7 @@ def _piece(p, io, x1, v1, begin, end):  # type: ignore[no-untyped-def]
 
 
 def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: gap, stiffness and damping of the coupling.
+    """p: gap, stiffness and damping of the coupling, damping in contact beyond that.
 
     The plant holds the coupling as spring and damper; this force takes away what the gap takes:
     all of it within the gap, stiffness * gap/2 beyond it. The moments at which the stretch passes a
@@ -114,20 +115,38 @@ def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
     io[MEAN], io[SLOPE] = mean, slope
 
 
+LOAD = {"load_fraction": 0.3, "frequency": 150.0, "damping": 0.2}
+KINDS = ("play", "coupling", "load")
+
+
 class Backlash(Effect):
-    """Key `kind` = "play": y follows the motor's position with a play of total width `gap` (the
-    load keeps its place within it). `kind` = "coupling": in a plant with a mode, the spring between
-    motor and load has a dead zone of total width `gap`. Default: "coupling" where the plant has a
-    mode beside its rigid body, else "play"."""
+    """Lost motion of total width `gap`, in one of three forms (key `kind`):
+
+    "play"      y follows the motor's position with a play: the load keeps its place within the gap,
+                held by friction of its own. Default for a plant without a mode.
+    "coupling"  the spring between motor and load of a plant with a mode has a dead zone. Default
+                there. Key `damping`: damping ratio in contact (default: the mode's own).
+    "load"      the share `load_fraction` (0.3) of the moving mass lies behind the gap, on a contact
+                spring that resonates with the rest at `frequency` (150 Hz) with `damping` (0.2); key
+                `measured` = "motor" (default) or "load" says which part the sensor sees.
+    """
 
     name = "backlash"
     component = "transmission"
     parameters = (Parameter("gap", "x"),)
-    options = {"kind": ("play", "coupling")}  # noqa: RUF012
+    options = {  # noqa: RUF012
+        "kind": KINDS, "measured": ("motor", "load"), **dict.fromkeys(LOAD)
+    }  # fmt: skip
     sides = ("sensor",)
     depends_on = ("direction", "history")
     siblings = ("hysteresis", "coulomb_friction", "dead_zone", "presliding_friction")
     port = "output"
+
+    def check_option(self, name, value):  # type: ignore[no-untyped-def]
+        super().check_option(name, value)
+        self.require(
+            name != "load_fraction" or value < 1.0, f"load_fraction = {value} must lie below 1"
+        )
 
     def kind_in(self, setting: Setting) -> str:
         flexible = len(setting.mechanics.modes) > 1
@@ -140,17 +159,33 @@ class Backlash(Effect):
         return _play_law if self.kind_in(setting) == "play" else _gap_law
 
     def side_in(self, setting: Setting) -> str:
-        return "sensor" if self.kind_in(setting) == "play" else "coupling"
+        return {"play": "sensor", "coupling": "coupling", "load": self.name}[self.kind_in(setting)]
+
+    def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
+        if self.kind_in(setting) != "load":
+            return mechanics
+        share, frequency, damping = (setting.options.get(k, v) for k, v in LOAD.items())
+        seen = setting.options.get("measured", "motor") == "load"
+        side = ("sensor", setting.mass_ratio)
+        return mechanics.with_part_on_spring(self.name, side, share, frequency, damping, seen)
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
-        if self.kind_in(setting) == "play":
+        kind = self.kind_in(setting)
+        if kind == "play":
             return [values["gap"]]
+        mobility = setting.point(self.side_in(setting)).mobility
+        if kind == "load":
+            _, frequency, damping = (setting.options.get(k, v) for k, v in LOAD.items())
+            square, rate = (2 * np.pi * frequency) ** 2, 4 * np.pi * damping * frequency
+            return [values["gap"], square / mobility, rate / mobility, 0.0]
         self.require(
             len(setting.mechanics.modes) > 1,
-            'kind = "coupling" needs a plant with a mode; take kind = "play" or add flexible_mode',
+            'kind = "coupling" needs a plant with a mode; take kind = "play" or "load"',
         )
-        mobility, mode = setting.point("coupling").mobility, setting.mechanics.modes[1]
-        return [values["gap"], mode.stiffness / mobility, mode.damping / mobility]
+        mode = setting.mechanics.modes[1]
+        contact = 2.0 * setting.options.get("damping", 0.0) * np.sqrt(abs(mode.stiffness))
+        more = contact - mode.damping if contact > 0 else 0.0
+        return [values["gap"], mode.stiffness / mobility, mode.damping / mobility, more / mobility]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -133,7 +133,7 @@ class Effect:
     depends_on: ClassVar[tuple[str, ...]] = ()
     siblings: ClassVar[tuple[str, ...]] = ()
     options: ClassVar[Mapping[str, Any]] = {}
-    law: ClassVar[Law | None] = None
+    law: ClassVar[Any] = None
     sides: ClassVar[tuple[str, ...]] = ("sensor", "motor", "load")
     default_side: ClassVar[str] = "sensor"
     scan: ClassVar[str] = ""

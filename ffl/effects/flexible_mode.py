@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
@@ -32,16 +31,12 @@ class FlexibleMode(Effect):
     sides = ("sensor", "motor")
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
-        point = mechanics.point(self.side_in(setting), setting.mass_ratio)
-        whole, share = mechanics.moving_mass, values["mass_fraction"]
-        pulsation = 2.0 * np.pi * values["frequency"]
-        reduced = share * (1.0 - share) * whole
-        lighter = mechanics.with_mass(point, -share * whole)
-        return lighter.with_hung_mass(
-            lighter.point(self.side_in(setting), setting.mass_ratio),
-            share * whole,
-            pulsation**2 * reduced,
-            2.0 * values["damping"] * pulsation * reduced,
+        return mechanics.with_part_on_spring(
+            self.name,
+            (self.side_in(setting), setting.mass_ratio),
+            values["mass_fraction"],
+            values["frequency"],
+            values["damping"],
             setting.options.get("measured", "motor") == "load",
         )
 
@@ -56,6 +51,8 @@ class FlexibleMode(Effect):
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """M (a - H a), H the hung mass's own second-order response: first order in mass_fraction."""
+        from scipy.signal import cont2discrete, lfilter
+
         pulsation = 2.0 * np.pi * nonlinear["frequency"]
         top = [2.0 * nonlinear["damping"] * pulsation, pulsation**2]
         b, a, _ = cont2discrete((top, [1.0, *top]), motion.sample_time, method="foh")

@@ -37,6 +37,14 @@ class Point:
     position: Array
     velocity: Array
 
+    def minus(self, other: Point) -> Point:
+        """The spring from this point to the other: a pair of forces, and the stretch between."""
+        return Point(
+            self.force - other.force,
+            self.position - other.position,
+            self.velocity - other.velocity,
+        )
+
     @property
     def mobility(self) -> float:
         """Acceleration per unit force at this point (1/mass felt at high frequency)."""
@@ -54,7 +62,8 @@ class Mechanics:
     share of y that belongs to no mode. `sign` is -1 where u > 0 drives y down. `bias` are constant
     forces at points, which loads and centred springs bring. States that effects add come last;
     `hung` gives their start, at rest beside the plant, from the plant's own states. `sensor`
-    replaces the sensor's point where an effect has moved it.
+    replaces the sensor's point where an effect has moved it; `links` are the springs, by name, on
+    which effects have hung a mass (force pair and stretch between the two).
     """
 
     a: Array
@@ -71,6 +80,7 @@ class Mechanics:
     bias: tuple[tuple[Point, float], ...] = ()
     hung: Array = field(default_factory=lambda: np.zeros((0, 0)))
     sensor: Point | None = None
+    links: tuple[tuple[str, Point], ...] = ()
 
     @property
     def order(self) -> int:
@@ -88,15 +98,13 @@ class Mechanics:
 
     def point(self, side: str = "sensor", mass_ratio: float | None = None) -> Point:
         """The point on `side`: 'sensor', 'motor', 'load', or 'coupling' (motor minus load)."""
+        if side in (names := dict(self.links)):
+            return names[side]
         if side not in SIDES:
             raise InputError(f"side = '{side}' is unknown; take one of {', '.join(SIDES)}")
         if side == "coupling":
             motor, load = self._of_modes("motor", mass_ratio), self._of_modes("load", mass_ratio)
-            return Point(
-                motor.force - load.force,
-                motor.position - load.position,
-                motor.velocity - load.velocity,
-            )
+            return motor.minus(load)
         if side == "sensor" and self.sensor is not None:
             return self.sensor
         if not self.modes:
@@ -136,10 +144,28 @@ class Mechanics:
         """Adds a constant force at `point`."""
         return replace(self, bias=(*self.bias, (point, force)))
 
-    def with_hung_mass(
-        self, point: Point, mass: float, stiffness: float, damping: float, sensed: bool
+    def with_part_on_spring(
+        self,
+        link: str,
+        side: tuple[str, float | None],
+        share: float,
+        frequency: float,
+        damping: float,
+        sensed: bool,
     ) -> Mechanics:
-        """Hangs `mass` on a spring and damper at `point`; `sensed`: the sensor moves with it."""
+        """Cuts `share` of the moving mass off at `side` and hangs it there on a spring and damper,
+        so that the two parts alone resonate at `frequency` Hz with `damping`. The spring is the
+        point `link`; `sensed`: the sensor moves with the part cut off."""
+        pulsation = 2.0 * np.pi * frequency
+        reduced = share * (1.0 - share) * self.moving_mass
+        lighter = self.with_mass(self.point(*side), -share * self.moving_mass)
+        spring, damper = pulsation**2 * reduced, 2.0 * damping * pulsation * reduced
+        mass = share * self.moving_mass
+        return lighter._with_hung_mass(link, lighter.point(*side), mass, spring, damper, sensed)
+
+    def _with_hung_mass(
+        self, link: str, point: Point, mass: float, stiffness: float, damping: float, sensed: bool
+    ) -> Mechanics:
         n = self.order
         row = stiffness * point.position + damping * point.velocity
         a = np.zeros((n + 2, n + 2))
@@ -159,6 +185,7 @@ class Mechanics:
         hung = np.vstack([known[base:], point.position @ known, point.velocity @ known])
         hung_point = Point(*(np.eye(n + 2)[[n + 1, n, n + 1]] * np.array([[1 / mass], [1], [1]])))
         sensor = None if self.sensor is None else moved(self.sensor)
+        links = tuple((name, moved(p)) for name, p in self.links)
         return replace(
             self,
             a=a,
@@ -180,6 +207,7 @@ class Mechanics:
             bias=tuple((moved(p), f) for p, f in self.bias),
             hung=hung,
             sensor=hung_point if sensed else sensor,
+            links=(*links, (link, moved(point).minus(hung_point))),
         )
 
     def with_mass(self, point: Point, mass: float) -> Mechanics:
@@ -198,7 +226,12 @@ class Mechanics:
         a = self.a - np.outer(point.force, share * (point.velocity @ self.a))
         modes = tuple(replace(mode, force=changed(mode.force)) for mode in self.modes)
         bias = tuple((replace(p, force=changed(p.force)), f) for p, f in self.bias)
-        return replace(self, a=a, b=changed(self.b), modes=modes, exact=None, bias=bias)
+        links = tuple((name, replace(p, force=changed(p.force))) for name, p in self.links)
+        sensor = self.sensor and replace(self.sensor, force=changed(self.sensor.force))
+        return replace(
+            self, a=a, b=changed(self.b), modes=modes, exact=None, bias=bias, links=links,
+            sensor=sensor,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

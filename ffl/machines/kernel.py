@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
@@ -33,8 +35,7 @@ TOLERANCE = 1e-9  # of the largest force: error at which coupled effects are sol
 DIVERGED = 1e150
 
 
-@intrinsic
-def call_law(typingctx, address, p, at_p, s, at_s, io):  # type: ignore[no-untyped-def]
+def _call_law(typingctx, address, p, at_p, s, at_s, io):  # type: ignore[no-untyped-def]
     """Calls the law at `address` with pointers to p[at_p], s[at_s] and io."""
     signature = types.void(types.int64, p, types.int64, s, types.int64, io)
 
@@ -51,6 +52,9 @@ def call_law(typingctx, address, p, at_p, s, at_s, io):  # type: ignore[no-untyp
         return context.get_dummy_value()
 
     return signature, codegen
+
+
+call_law: Any = intrinsic(_call_law)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -225,4 +226,5 @@ def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> Discret
         a, level[:, 0], slope[:, 0], constant, rows_x, rows_v, forces, e_slope,
         rows_x @ forces, rows_v @ forces, rows_x @ e_slope, rows_v @ e_slope,
     )  # fmt: skip
-    return Discrete(*(np.ascontiguousarray(piece) for piece in pieces), h, substeps)
+    arrays: list[Any] = [np.ascontiguousarray(piece) for piece in pieces]
+    return Discrete(*arrays, h, substeps)  # type: ignore[call-arg]

@@ -98,6 +98,40 @@ def test_backlash_in_the_coupling():
     assert np.abs(fine.y - truth).max() < 2e-6 * effect
 
 
+@pytest.mark.parametrize("measured", ["motor", "load"])
+def test_load_behind_a_gap_on_a_rigid_stage(measured):
+    """The rigid stage with a part of its mass behind a gap is the two-mass system with that gap."""
+    gap, share = 2e-4, LOAD / (MOTOR + LOAD)
+
+    def force(t, s):
+        stretch, rate = s[0] - s[2], s[1] - s[3]
+        back = SPRING * np.clip(stretch, -gap / 2, gap / 2)
+        back += DAMPER * rate if abs(stretch) < gap / 2 else 0.0
+        return back, -back
+
+    keys = {"kind": "load", "load_fraction": share, "frequency": FREQUENCY, "damping": DAMPING}
+    spec = EffectSpec("backlash", {"gap": gap}, {**keys, "measured": measured})
+    run = Simulator(STAGE, open_loop=True).run([spec], None, COMMAND[:250])
+    truth = simulate(force, COMMAND[:250])[:, 0 if measured == "motor" else 1]
+    linear = simulate(lambda t, s: (0.0, 0.0), COMMAND[:250])[:, 0 if measured == "motor" else 1]
+    assert np.abs(run.y - truth).max() < 2e-4 * np.abs(truth - linear).max()
+
+
+def test_damping_in_contact_only():
+    """With the mode's own damping ratio nothing changes; with more, the rattling dies faster."""
+    simulator = Simulator(two_mass_plant(), open_loop=True)
+    push = np.where(np.arange(600) < 20, 3.0, 0.0)
+
+    def rattle(options):
+        spec = EffectSpec("backlash", {"gap": 1e-4}, options)
+        run = simulator.run([spec], None, push, watch=[("coupling", None)])
+        return run.y, np.ptp(run.motion("coupling").v[-100:])
+
+    own, same = rattle({}), rattle({"damping": DAMPING})
+    assert np.abs(own[0] - same[0]).max() < 1e-9 * np.abs(own[0]).max()
+    assert rattle({"damping": 0.3})[1] < 0.5 * own[1]
+
+
 def test_coupling_needs_a_mode():
     spec = EffectSpec("backlash", {"gap": 1e-4}, {"kind": "coupling"})
     with pytest.raises(InputError, match="needs a plant with a mode"):
