@@ -198,12 +198,14 @@ def reproduce(
     paper: Annotated[str, typer.Argument(help="printer2018, kernel2018 or bayes2025.")],
     fast: Annotated[bool, typer.Option("--fast", help="Fewer realisations; says so.")] = False,
     out: Out = None,
+    jobs: Annotated[int, typer.Option(help="Worker processes; the numbers stay the same.")] = 1,
+    quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Reproduce a paper's tables and figures beside the paper's own."""
     from ffl.report.reproduce import reproduce_paper
 
-    answer = reproduce_paper(paper, fast, out)
+    answer = reproduce_paper(paper, fast, out, jobs, quiet)
     if json:
         _print_json(answer)
         return

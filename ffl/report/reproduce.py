@@ -11,7 +11,7 @@ from ffl.errors import InputError
 from ffl.report.terminal import progress
 from ffl.systems.plant_file import suggest
 
-# paper -> (module whose `reproduce(fast=, progress=)` measures and returns a result with `rows`,
+# paper -> (module whose `reproduce(fast=, jobs=, progress=)` measures and returns a result with `rows`,
 #           module whose `page(result)` shows it)
 PAPERS = {
     "printer2018": ("ffl.campaign.printer2018", "ffl.report.printer2018"),
@@ -20,18 +20,22 @@ PAPERS = {
 }
 
 
-def reproduce_paper(paper: str, fast: bool, out: Path | None) -> dict[str, Any]:
+def reproduce_paper(
+    paper: str, fast: bool = False, out: Path | None = None, jobs: int = 1, quiet: bool = False
+) -> dict[str, Any]:
     """Measures, writes DIR/report.html and DIR/answer.json where `out` is given, returns the rows.
 
     `fast` uses fewer realisations; `n` of each row says how many.
     """
     if paper not in PAPERS:
         raise InputError(f"reproduce '{paper}': {suggest(paper, list(PAPERS))}")
+    if jobs < 1:
+        raise InputError(f"jobs = {jobs} must be at least 1")
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a folder for --out")
     measure, show = PAPERS[paper]
-    with progress(f"{paper}{' (fast)' if fast else ''}", 1.0) as advance:
-        result = import_module(measure).reproduce(fast=fast, progress=advance)
+    with progress(f"{paper}{' (fast)' if fast else ''}", 1.0, quiet) as advance:
+        result = import_module(measure).reproduce(fast=fast, jobs=jobs, progress=advance)
     answer: dict[str, Any] = {"schema": 1, "paper": paper}
     if fast:
         answer["fast"] = True
