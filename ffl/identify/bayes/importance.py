@@ -1,5 +1,6 @@
 """Posterior mean by importance sampling from a mixture of Student t proposals, one per node."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,7 @@ def importance_sample(
 
 @njit(cache=True)
 def mixture_log_density(thetas, means, whiteners, log_weight, freedom):
-    """log sum_h w_h t(theta; mean_h, (W_h'W_h)^-1, freedom), up to a constant."""
+    """log sum_h w_h t(theta; mean_h, (W_h'W_h)^-1, freedom)."""
     m, n = thetas.shape
     out, log = np.empty(m), np.empty(len(means))
     base = np.empty(len(means))
@@ -98,6 +99,8 @@ def mixture_log_density(thetas, means, whiteners, log_weight, freedom):
         base[h] = log_weight[h]
         for i in range(n):
             base[h] += np.log(whiteners[h, i, i])
+        base[h] += math.lgamma(0.5 * (freedom + n)) - math.lgamma(0.5 * freedom)
+        base[h] -= 0.5 * n * math.log(freedom * math.pi)
     for k in range(m):
         for h in range(len(means)):
             quadratic = 0.0

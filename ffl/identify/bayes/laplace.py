@@ -102,5 +102,6 @@ def laplace_per_node(
         - 0.5 * n * np.log(quadratic)
         + prior.log_weight
         - 0.5 * np.linalg.slogdet(hessian)[1]
+        + 0.5 * n * np.log(2 * np.pi)
     )
     return Laplace(means, 0.5 * (covariances + covariances.swapaxes(1, 2)), log_evidence)

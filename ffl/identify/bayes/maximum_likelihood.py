@@ -90,23 +90,47 @@ def gauss_newton(
 
 
 def maximum_likelihood(record: Record, n_ac: int, n_c: int) -> MaximumLikelihood:
-    """Best of all starts. Raises `InputError` where no inverse with these taps explains y."""
+    """Best of all starts that belong to a causal forward system.
+
+    A causal stable forward system has (roots inside) - (n_c - 1) = relative degree + zeros outside,
+    which is never negative. Raises `InputError` where no inverse with these taps explains y, and
+    where there is no noise.
+    """
     best = None
     for name, guess in starts(record, n_ac, n_c).items():
-        if inside_count(guess, n_ac) <= 0:
+        if inside_count(guess, n_ac) < n_c - 1:
             continue
         theta, cost, steps = gauss_newton(record, guess, n_ac)
         if best is None or cost < best.misfit:
             best = MaximumLikelihood(theta, cost, inside_count(theta, n_ac), name, steps)
     if best is None:
+        raise wrong_side(n_ac, n_c)
+    check_explained(record, best, n_ac, n_c)
+    return best
+
+
+def wrong_side(n_ac: int, n_c: int) -> InputError:
+    """What to say where no first guess has enough roots inside the unit circle."""
+    return InputError(
+        f"every first guess of the inverse has its roots on the wrong side of the unit circle: no "
+        f"causal forward system belongs to it; does y come before u, or are {n_ac} non-causal and "
+        f"{n_c} causal taps too few?"
+    )
+
+
+def check_explained(record: Record, found: MaximumLikelihood, n_ac: int, n_c: int) -> None:
+    """Refuses an inverse that explains no more of y than chance, or all of it."""
+    energy = float(np.sum(record.target**2) + record.floor)
+    explained = 1 - found.misfit / energy
+    chance = 2 * (n_ac + n_c) / record.n_samples
+    if explained < chance:
         raise InputError(
-            f"every first guess of the inverse has all its roots outside the unit circle: no causal "
-            f"forward system belongs to {n_ac} non-causal and {n_c} causal taps; give more causal taps"
+            f"the best inverse with {n_ac} non-causal and {n_c} causal taps explains "
+            f"{100 * explained:.1f} % of y, no more than chance ({100 * chance:.1f} %): does y answer "
+            "to u at all, with more delay than the non-causal taps reach, or before u?"
         )
-    energy = float(np.sum((record.y - record.y.mean()) ** 2))
-    if best.misfit <= 1e-20 * energy:
+    if found.misfit <= 1e-20 * energy:
         raise InputError(
             "the record is explained to rounding (no noise), a posterior has no width: use the "
             "exact inverse of the forward model instead"
         )
-    return best
