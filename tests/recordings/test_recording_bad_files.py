@@ -58,6 +58,7 @@ def cut(*gone):
         (edited(7, "0.005,0,7,8,49"), r"line 9, column t: time runs backwards \(0.006 s to 0.005"),
         (edited(7, "0.006,0,7,8,49"), "line 9, column t: time stands still"),
         (edited(7, "0.0073,0,7,8,49"), "line 9, column t: intervals differ .* by up to 30 %"),
+        (edited(7, "0.007005,0,7,8,49"), "line 9, column t: intervals differ .* by up to 0.5 %"),
         (cut(7, 8), "line 9, column t: 2 samples missing between 0.006 s and 0.009 s"),
         (cut(7, 20, 21), "1 sample missing.*2 gaps with 3 samples in all"),
     ],

@@ -57,6 +57,17 @@ def test_frozen_sensor(rng, name, start):
     assert b == pytest.approx(x.t[start + 399], abs=0.02)
 
 
+def test_a_sensor_that_loses_its_noise_is_frozen(rng):
+    """Slow motion under noise: neither the stop nor the start shows, but the stillness does."""
+    slow = 1e-3 * np.sin(2 * np.pi * np.arange(4000) / 4000)
+    x = loop(rng, noise=3e-5, reference=slow)
+    assert kinds(x) == set()
+    y = x.y.copy()
+    y[1900:1980] = y[1900]
+    (found,) = soundness(replace(x, y=y)).of("frozen")
+    assert found.time_s == ((pytest.approx(1.9), pytest.approx(1.979)),)
+
+
 @pytest.mark.parametrize("name", ["plain", "coarse encoder", "no noise, no encoder", "sine"])
 @pytest.mark.parametrize("side", [1, -1])
 def test_clipped_sensor(rng, name, side):
@@ -176,9 +187,10 @@ def test_resampling_keeps_time_and_sines_below_the_cut(new):
     assert any("resampled from 0.001 s" in note for note in z.notes)
 
 
-def test_resampling_removes_what_the_new_rate_cannot_carry():
+@pytest.mark.parametrize("frequency", [135.0, 430.0])
+def test_resampling_removes_what_the_new_rate_cannot_carry(frequency):
     t = 1e-3 * np.arange(8000)
-    high = np.sin(2 * np.pi * 430.0 * t)
+    high = np.sin(2 * np.pi * frequency * t)
     z = resample_recording(Recording.from_signals(1e-3, y=high, u=high), 4e-3)
     assert np.abs(z.y[50:-50]).max() < 2e-4
     assert np.abs(high[::4]).max() > 0.9, "plain decimation would have kept it"
