@@ -4,22 +4,16 @@ from ffl.identify.closed_loop import InstrumentalInverse, ParametricInverse
 from ffl.identify.evidence import Evidence, maximise_evidence, regularised
 from ffl.identify.fir import KernelInverse, LeastSquaresInverse
 from ffl.identify.inverse import Band, IdentifiedInverse, InverseBasis
-from ffl.identify.kernels import DC, KERNELS, OBF, TC, Diagonal, Direct, Fixed, Kernel, StableSpline
+from ffl.identify.kernels import KERNELS, Kernel
 from ffl.identify.noise import NoiseModel, fit_noise, noise_of
 from ffl.identify.rational import RationalInverse
 from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
 
 __all__ = [
-    "DC",
     "KERNELS",
-    "OBF",
-    "TC",
     "Band",
-    "Diagonal",
-    "Direct",
     "Edges",
     "Evidence",
-    "Fixed",
     "IdentifiedInverse",
     "InstrumentalInverse",
     "InverseBasis",
@@ -30,7 +24,6 @@ __all__ = [
     "ParametricInverse",
     "RationalInverse",
     "Regression",
-    "StableSpline",
     "backward_regression",
     "fit_noise",
     "least_squares",

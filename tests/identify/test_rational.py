@@ -1,5 +1,7 @@
 """Variable projection: the Jacobian's minimum, poles from nothing, the posterior that counts them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -61,7 +63,7 @@ def test_search_finds_resonances_and_their_number_from_nothing():
     assert nearest(found.kernel.poles, TRUE_INSIDE[:2]) < 5e-3
     assert nearest(found.kernel.outside, TRUE_OUTSIDE) < 2e-3
     assert len(steps) in (3, 4)  # two pairs, and the slow real pole where the noise lets it be seen
-    assert all(b.criterion < a.criterion for a, b in zip(steps, steps[1:], strict=False))
+    assert all(b.criterion < a.criterion for a, b in pairwise(steps))
 
 
 def test_estimator_without_prior_knowledge_tracks_nearly_as_well():
