@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from numba import cfunc, types
@@ -35,9 +36,10 @@ GX, GV, GX_SLOPE, GV_SLOPE = 6, 7, 8, 9
 MEAN, SLOPE, COMMIT, FIRST = 10, 11, 12, 13
 IO_SIZE = 16
 
+HELPERS = ("law.py", "solve.py", "paths.py")
+
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(_POINTER, _POINTER, _POINTER)
-STANDSTILL = 1e-300  # a velocity that only an exact zero or a flagged standstill is below
 
 
 @functools.cache
@@ -48,4 +50,22 @@ def address_of(law: Callable[[Any, Any, Any], None]) -> int:
 
 @functools.cache
 def _compiled(law: Callable[[Any, Any, Any], None]) -> Any:
+    _drop_stale(law)
     return cfunc(SIGNATURE, cache=True, error_model="numpy")(law)
+
+
+def _drop_stale(law: Callable[[Any, Any, Any], None]) -> None:
+    """Removes cached machine code of `law` that is older than the helpers it was compiled with.
+
+    Numba looks at the file of the law alone; after a change in `solve.py` it would go on running the
+    old solver without a word.
+    """
+    here = Path(__file__).parent
+    changed = max((here / name).stat().st_mtime for name in HELPERS)
+    source = Path(law.__code__.co_filename)
+    for index in (source.parent / "__pycache__").glob(f"{source.stem}.{law.__name__}-*.nbi"):
+        try:
+            if index.stat().st_mtime < changed:
+                index.unlink(missing_ok=True)
+        except FileNotFoundError:
+            continue  # another process was faster

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cases import ORACLE, STAGE, reference
+from oracle import Case, run
 
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
@@ -98,3 +99,43 @@ def test_friction_on_two_masses_clamps_only_its_own_side():
     assert np.abs(load.v).max() < 1e-12
     assert np.abs(load.x).max() < 0.01 * np.abs(run.x).max()
     assert np.abs(run.v).max() > 1e-3
+
+
+@pytest.mark.parametrize("pair", [("coulomb_friction", "coulomb_friction"),
+                                  ("asymmetric_friction", "stribeck_friction")])  # fmt: skip
+def test_two_frictions_on_one_mass_hold_and_slide_together(pair):
+    """Split in two, friction stays what it is: 3 + 2 = 5; and asymmetric beside Stribeck adds up."""
+    parts = {
+        "coulomb_friction": ({"level": 3.0}, {"level": 2.0}),
+        "asymmetric_friction": ({"level_positive": 2.0, "level_negative": 1.0},),
+        "stribeck_friction": (
+            {"coulomb_level": 1.0, "static_level": 2.0, "stribeck_velocity": 0.02},
+        ),
+    }
+    if pair[0] == pair[1]:
+        specs = [EffectSpec(pair[0], p) for p in parts[pair[0]]]
+        case = Case(levels=lambda x, v: (5.0, 5.0))
+    else:
+        specs = [EffectSpec(name, parts[name][0]) for name in pair]
+
+        def levels(x, v):
+            near = 1.0 + np.exp(-((v / 0.02) ** 2))
+            return 2.0 + near, 1.0 + near
+
+        case = Case(levels=levels)
+    r = reference()
+    truth, linear = run(case, r), CLOSED.run((), r).y
+    for order in (specs, specs[::-1]):
+        y = CLOSED.run(order, r).y
+        assert np.abs(y - truth).max() < 1e-4 * np.abs(truth - linear).max()
+
+
+def test_asymmetric_friction_is_coulomb_beside_a_load():
+    """What the data cannot tell apart is the same here, standstill included."""
+    one = [EffectSpec("asymmetric_friction", {"level_positive": 5.0, "level_negative": 3.0})]
+    two = [
+        EffectSpec("coulomb_friction", {"level": 4.0}),
+        EffectSpec("constant_load", {"force": -1.0}),
+    ]
+    y = [CLOSED.run(specs, reference()).y for specs in (one, two)]
+    assert np.abs(y[0] - y[1])[60:].max() < 1e-12

@@ -115,3 +115,22 @@ def test_emps_with_its_documented_friction():
     full = simulator.run(documented, reference, start=start).y - y
     assert 26e-6 < np.sqrt(np.mean(bare[20:] ** 2)) < 29e-6
     assert np.sqrt(np.mean(full[20:] ** 2)) < 1.7e-6
+
+
+def test_a_changed_helper_drops_the_compiled_laws(tmp_path, monkeypatch):
+    """Numba's cache does not see that a law's helpers have changed; `address_of` does."""
+    from ffl.effects import law
+
+    (tmp_path / "__pycache__").mkdir()
+    source = tmp_path / "my_effect.py"
+    source.write_text("def _law(p, s, io):\n    io[10] = p[0]\n")
+    scope: dict = {}
+    exec(compile(source.read_text(), str(source), "exec"), scope)
+    stale = tmp_path / "__pycache__" / "my_effect._law-1.py311.nbi"
+    fresh = tmp_path / "__pycache__" / "my_effect._law-2.py311.nbi"
+    for file, age in ((stale, 0), (fresh, 4e9)):
+        file.write_bytes(b"")
+        os.utime(file, (age, age))
+    law._drop_stale(scope["_law"])
+    assert not stale.exists()
+    assert fresh.exists()
