@@ -74,8 +74,9 @@ def diagnose(
         return _unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
-    standing, steps = contest(scene, held, nominal, THRESHOLD, progress=say)
-    standing = across_the_line(scene, held, standing)
+    standing, steps, judged_by = contest(scene, held, nominal, THRESHOLD, progress=say)
+    held = judged_by or held
+    standing = across_the_line(standing.scene, held, standing)
     return _conclude(model, nominal, scene, held, standing, steps, health, notes, rng, say)
 
 
@@ -139,7 +140,7 @@ def _conclude(
     structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
     effects = standing.model.effects
     verdict, place = _verdict(standing, structure, proof)
-    quiet = replace(standing.scene, trials=scene.trials)
+    quiet = standing.scene
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
     left = quiet.residuals(standing.model) or []

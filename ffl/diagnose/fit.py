@@ -66,9 +66,14 @@ class Scene:
     def whiten(self, residuals: Sequence[Array]) -> Array:
         return np.concatenate([w(e) for w, e in zip(self.whiteners, residuals, strict=True)])
 
-    def with_noise_of(self, residuals: Sequence[Array], coloured: bool = True) -> Scene:
-        """The scene with the noise that these residuals would be, were they all noise."""
-        noise = fit_noise(self.loop, residuals, self.noise, floor=self.floor, coloured=coloured)
+    def with_noise_of(
+        self, residuals: Sequence[Array], coloured: bool = True, quantile: float | None = None
+    ) -> Scene:
+        """The scene with the noise that these residuals would be, were they all noise (`quantile`:
+        a lower envelope, see `noise.spectrum`)."""
+        noise = fit_noise(
+            self.loop, residuals, self.noise, floor=self.floor, coloured=coloured, quantile=quantile
+        )
         return replace(self, noise=noise)
 
     def log_likelihood(self, white: Array) -> float:

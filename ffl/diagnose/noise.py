@@ -190,7 +190,13 @@ def fit_noise(
         if start.force_coloured > 0 and start.sensor_coloured > 0:
             corners = [start.sensor_corner, start.force_corner]
             shares = [start.sensor_coloured / start.sensor, start.force_coloured / start.force]
-            begin.append(list(np.log([start.sensor, start.force, shares[0], corners[0], shares[1], corners[1]])))
+            begin.append(
+                list(
+                    np.log(
+                        [start.sensor, start.force, shares[0], corners[0], shares[1], corners[1]]
+                    )
+                )
+            )
     else:
         bounds, begin = bounds[:2], [white, believed]
     low, high = np.array(bounds).T

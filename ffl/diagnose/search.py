@@ -18,6 +18,7 @@ import numpy as np
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen
+from ffl.diagnose.starts import with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
 
@@ -25,6 +26,11 @@ PER_NUMBER = (
     4.0  # log-likelihood that one more free number must bring (BIC: half log of N, N ~ 3000)
 )
 SHORTLIST = 7
+QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
+PASSES = 5  # most changes of noise while one hypothesis is fitted
+CLEANER = 0.85  # noise must fall below this share of what it was for another pass
+KEEP = 20.0  # score an effect must be worth beside all others
+SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
 
 
@@ -58,16 +64,21 @@ class Judged:
 def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> Judged:
     """Fits `model` under the scene's noise, then under its own, and scores it."""
     first = fit(scene, model, rounds=rounds)
+    quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
     if first.status == "diverged":
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
+    for _ in range(PASSES):  # physics that has been found no longer counts as noise
+        cleaner = scene.with_noise_of(_raw(scene, first.model), coloured=False, quantile=QUIET)
+        if min(cleaner.noise.force / quieter, cleaner.noise.sensor / quieter_sensor) > CLEANER:
+            break
+        quieter, quieter_sensor = cleaner.noise.force, cleaner.noise.sensor
+        first = fit(cleaner, first.model, rounds=max(4, rounds // 2))
     # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
     # let slow physics go as noise, and its absence in the score would take noise for physics.
     residuals = _raw(scene, first.model)
     own = scene.with_noise_of(residuals)
     white = own.whiten(residuals)
-    return Judged(
-        first, own, own.log_likelihood(white), *held_out(held, scene, first.model)
-    )
+    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first.model))
 
 
 def _raw(scene: Scene, model: Model) -> list[Array]:
@@ -137,16 +148,24 @@ def contest(
     threshold: float,
     most: int = 3,
     progress: Callable[[str], None] | None = None,
-) -> tuple[Judged, list[Step]]:
-    """Forward selection with substitution; returns what stands at the end and all rounds."""
+) -> tuple[Judged, list[Step], Scene | None]:
+    """Forward selection with substitution; what stands at the end, all rounds, and the held-out
+    recordings with their starts."""
     say = progress or (lambda line: None)
     standing = judge(scene, held, model)
     steps: list[Step] = []
-    for _ in range(most):
-        say(f"{standing.name}: log-likelihood {standing.fitted:.1f}, held out {standing.held_out:.1f}")
+    while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
-        quiet = scene.with_noise_of(_raw(scene, standing.model), coloured=False)
-        base = judge(quiet, held, standing.model, rounds=4)
+        quiet = scene.with_noise_of(_raw(scene, standing.model), coloured=False, quantile=QUIET)
+        scene, quiet = with_starts(scene, standing.model), with_starts(quiet, standing.model)
+        if held is not None:
+            held = with_starts(replace(held, noise=quiet.noise), standing.model)
+        base = judge(quiet, held, standing.model, rounds=6)
+        say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
+        if len(base.model.effects) > 1:
+            base = settle(quiet, held, base, say)
+        if len(steps) == most:
+            return base, steps, held
         screened = Screen(quiet, base.fit).candidates()
         rivals = []
         for c in shortlist([c for c in screened if c.spec.name not in base.model.names]):
@@ -162,6 +181,29 @@ def contest(
             accepted = rivals[0]
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None:
-            break
+            return base, steps, held
         standing = accepted
-    return standing, steps
+
+
+def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
+    """Backward elimination and substitution: every effect must earn its place beside the others, and
+    against its siblings in that company."""
+    current = judged
+    for name in judged.model.names:
+        if len(current.model.effects) < 2 or name not in current.model.names:
+            continue
+        index = current.model.names.index(name)
+        without = judge(quiet, held, current.model.without(index), rounds=6)
+        say(f"  without {name}: {without.score - current.score:+.1f}")
+        if without.score > current.score - KEEP:
+            current = without
+            continue
+        siblings = [s for s in EFFECTS[name].siblings if s not in current.model.names]
+        screened = Screen(quiet, without.fit).candidates([name, *siblings])
+        for c in shortlist([c for c in screened if c.spec.name != name], 2)[:2]:
+            other = judge(quiet, held, without.model.with_effect(c.spec), rounds=8)
+            say(f"  {c.spec.name} for {name}: {other.score - current.score:+.1f}")
+            if other.score > current.score + SUBSTITUTE:
+                current = other
+                break
+    return current

@@ -135,6 +135,9 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     elif known_command:
         drive = recording.u if recording.d is None else recording.u + recording.d
         estimate, spread = plant_start(simulator, drive, recording.y, noise, True)
+        # What is missing in the model acts on the first samples too: a fifth of the command, say.
+        other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise, True)
+        spread = spread + np.outer(other - estimate, other - estimate)
         order = _ordering(simulator)
         start[order] = estimate
         doubt[np.ix_(order, order)] = spread

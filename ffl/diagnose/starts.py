@@ -1,0 +1,68 @@
+"""Where a recording began in motion: the plant's state at its first sample, under the model at hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.model import Model
+from ffl.diagnose.trials import Trial
+from ffl.diagnose.whitening import Whitener
+
+SECONDS = 1.0  # what the start still shows in
+
+
+def with_starts(scene: Scene, model: Model, rounds: int = 2) -> Scene:
+    """The scene with the starts of recordings that begin in motion fitted under `model`."""
+    trials = []
+    for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
+        for _ in range(0 if trial.at_rest else rounds):
+            trial = _improved(model, trial, whitener)
+        trials.append(trial)
+    return replace(scene, trials=tuple(trials))
+
+
+def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
+    """One Gauss-Newton step on the plant's states, with the doubt as prior."""
+    n = model.base.simulator.n_plant
+    order = np.flatnonzero(np.diag(trial.doubt) > 0)
+    at = [k for k in range(n) if k < len(trial.start)]
+    spread = _spread(trial, model)
+    rows = min(len(trial), max(200, round(SECONDS / trial.sample_time)))
+    run = model.simulate(trial)
+    if run.diverged or not len(order):
+        return trial
+    # Innovations of a filter that starts with doubt would hide the start: judge without it.
+    sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
+    columns = []
+    for k in at:
+        moved = trial.start.copy()
+        moved[k] += 0.1 * spread[k]
+        other = model.simulate(replace(trial, start=moved))
+        if other.diverged:
+            return trial
+        columns.append((other.y - run.y)[:rows] / 0.1)
+    j = sure(np.column_stack(columns))
+    e = sure((trial.y - run.y)[:rows])
+    stacked = np.vstack([j, 0.1 * np.eye(len(at))])  # a prior of ten times the doubt
+    step = np.linalg.lstsq(stacked, np.append(e, np.zeros(len(at))), rcond=None)[0]
+    start = trial.start.copy()
+    start[at] += step * spread[at]
+    better = replace(trial, start=start)
+    after = model.simulate(better)
+    if after.diverged:
+        return trial
+    gained = float(e @ e) - float(np.sum(sure((trial.y - after.y)[:rows]) ** 2))
+    return better if gained > 0 else trial
+
+
+def _spread(trial: Trial, model: Model) -> np.ndarray:
+    """Standard deviation of each state of the start, in the simulator's order."""
+    values = np.sqrt(np.maximum(np.diag(trial.doubt), 0.0))
+    n = model.base.simulator.n_states
+    out = np.zeros(n)
+    out[: min(n, len(values))] = values[:n]
+    small = 1e-9 * max(float(np.abs(trial.start).max()), 1e-12)
+    return np.maximum(out, small)
