@@ -215,6 +215,43 @@ def reproduce(
     print_table(columns, [[row.get(name) for name in columns] for row in answer["rows"]])
 
 
+@app.command()
+def identify(
+    method: Annotated[
+        str,
+        typer.Argument(help="linear, least_squares, kernel, rational, bayes or instrumental."),
+    ],
+    data: Annotated[list[Path], typer.Option(help="Recording; may be given more than once.")],
+    map: Map = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Plant file whose controller closed the loop.")
+    ] = None,
+    basis: Annotated[Path | None, typer.Option(help="TOML with `basis`, for instrumental.")] = None,
+    n_ac: Annotated[int, typer.Option(help="Taps that look ahead.")] = 50,
+    n_c: Annotated[int, typer.Option(help="Taps that look back.")] = 50,
+    order: Annotated[
+        list[int] | None, typer.Option(help="Order to try, may be repeated; for linear.")
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Identify an inverse system, or a forward linear model as a plant file, from recordings."""
+    from ffl.report.identify import identify_with_report
+    from ffl.report.terminal import print_table
+
+    orders = order or range(1, 9)
+    answer = identify_with_report(method, data, map, model, basis, n_ac, n_c, list(orders), out)
+    if json:
+        _print_json(answer)
+        return
+    for name, value in answer.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            print(f"\n{name}")
+            print_table(list(value[0]), [[row.get(k) for k in value[0]] for row in value])
+        elif not isinstance(value, (list, dict)):
+            print(f"{name}: {value:.6g}" if isinstance(value, float) else f"{name}: {value}")
+
+
 challenge = typer.Typer(help="The project's own blind test: make, solve, score.")
 app.add_typer(challenge, name="challenge")
 

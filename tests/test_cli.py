@@ -296,3 +296,49 @@ def test_an_internal_error_is_one_line_too(monkeypatch, refuse, tmp_path):
 
     monkeypatch.setattr("ffl.campaign.inspect.check_file", broken)
     refuse("check", "x.toml", says="internal error, ZeroDivisionError", code=1)
+
+
+@pytest.fixture
+def stage_recording(write_campaign, tmp_path):
+    """A stage recorded in closed loop with noise on its command."""
+    import numpy as np
+
+    from ffl.machines import SimulatedMachine
+    from ffl.recordings import write_recording
+    from ffl.systems import load_plant
+
+    write_campaign()
+    machine = SimulatedMachine(load_plant(tmp_path / "machine.toml"))
+    rng = np.random.default_rng(0)
+    feedforward = np.concatenate([np.zeros(5), 5.0 * rng.standard_normal(1500)])
+    recording = machine.run(np.zeros(len(feedforward)), feedforward, rng)
+    write_recording(recording, tmp_path / "trial.csv")
+    return tmp_path / "trial.csv"
+
+
+@pytest.mark.parametrize("method", ["least_squares", "linear"])
+def test_identify_writes_its_answer(method, stage_recording, tmp_path, capfd):
+    from ffl.systems import load_plant
+
+    out = tmp_path / "found"
+    command = ["identify", method, "--data", str(stage_recording), "--out", str(out), "--json"]
+    command += ["--n-ac", "3", "--n-c", "3", "--order", "2"]
+    assert execute([*command, "--model", str(tmp_path / "model.toml")]) == 0
+    answer = json.loads(capfd.readouterr().out)
+    assert answer == json.loads((out / "answer.json").read_text())
+    assert answer["method"] == method
+    assert "<figure>" in (out / "report.html").read_text()
+    if method == "linear":
+        plant, true = load_plant(out / "plant.toml"), load_plant(tmp_path / "machine.toml")
+        found, expected = plant.system.response([20.0, 60.0]), true.system.response([20.0, 60.0])
+        assert abs(found / expected - 1).max() < 0.1
+    else:
+        assert [tap["lag"] for tap in answer["taps"]] == [-3, -2, -1, 0, 1, 2, 3]
+
+
+def test_identify_refuses_in_one_line(stage_recording, refuse):
+    refuse("identify", "kernal", "--data", stage_recording, says="did you mean 'kernel'")
+    refuse("identify", "kernel", "--data", "none.csv", says="no such file")
+    twice = ("--data", stage_recording, "--data", stage_recording)
+    refuse("identify", "kernel", *twice, says="give --data once")
+    refuse("identify", "instrumental", "--data", stage_recording, says="give --model")

@@ -24,7 +24,7 @@ def find_recording(text: str, folder: Path) -> Path:
     for base in folders:
         if (base / name).is_file():
             return Path(f"{base / name}::{part}") if part else base / name
-    places = ", ".join(str(base) for base in folders)
+    places = ", ".join(dict.fromkeys(str(base) for base in folders))
     raise InputError(
         f"recording '{text}': no such file (looked in {places}); set FFL_DATA to the folder of the "
         "real recordings"

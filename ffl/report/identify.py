@@ -1,0 +1,271 @@
+"""`ffl identify`: inverse systems, or a forward linear model, from recordings, with their page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffl import __version__
+from ffl.campaign.config import load_step, run_parts
+from ffl.campaign.reference import find_map, find_recording
+from ffl.errors import InputError
+from ffl.recordings import Recording, read_recording
+from ffl.report.page import Page, drawing, subplots
+from ffl.systems import Plant, load_plant, save_plant
+from ffl.systems.atomic import write_text
+from ffl.systems.plant_file import suggest
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the command line gave, read and checked."""
+
+    recordings: tuple[Recording, ...]
+    model: Plant | None
+    basis: Path | None
+    n_ac: int
+    n_c: int
+    orders: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Found:
+    """JSON facts, the page, and the plant where a forward model was identified."""
+
+    facts: dict[str, Any]
+    page: Page
+    plant: Plant | None = None
+
+
+def _one(task: Task, method: str) -> Recording:
+    if len(task.recordings) > 1:
+        raise InputError(f"identify {method} learns from one recording; give --data once")
+    return task.recordings[0]
+
+
+def _taps(task: Task, method: str, estimator: Any) -> Found:
+    from ffl.report import kernel2018_figures as draw
+
+    recording = _one(task, method)
+    fitted = estimator.fit(recording)
+    inverse = fitted.inverse_
+    facts = {
+        "taps": [
+            {"lag": int(k), "value": float(v), "std_error": float(s)}
+            for k, v, s in zip(inverse.lags, inverse.theta, inverse.standard_deviation, strict=True)
+        ],
+        "noise_variance": float(inverse.noise_variance),
+        "edges": str(fitted.edges_),
+    }
+    for name in ("poles_", "outside_"):
+        if hasattr(fitted, name):
+            facts[name.rstrip("_")] = [[p.real, p.imag] for p in getattr(fitted, name)]
+    page = _page(method, recording)
+    frequencies = np.geomspace(0.5 / len(recording), 0.5, 400) / recording.sample_time
+    with drawing():
+        figure, axes = subplots(8.6, 5.6, 2, 1)
+        draw.impulse_response(inverse, axes[0])
+        draw.frequency_response({method: inverse}, frequencies[:-1], axes[1])
+    page.section("Inverse").figure(
+        figure,
+        "Identified inverse with its 95 % band",
+        "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
+        "recording says little: the command had no power there.",
+    )
+    return Found(facts, page)
+
+
+def _least_squares(task: Task) -> Found:
+    from ffl.identify import LeastSquaresInverse
+
+    return _taps(task, "least_squares", LeastSquaresInverse(task.n_ac, task.n_c))
+
+
+def _kernel(task: Task) -> Found:
+    from ffl.identify import KernelInverse
+
+    return _taps(task, "kernel", KernelInverse(None, task.n_ac, task.n_c))
+
+
+def _rational(task: Task) -> Found:
+    from ffl.identify import RationalInverse
+
+    return _taps(task, "rational", RationalInverse(task.n_ac, task.n_c))
+
+
+def _bayes(task: Task) -> Found:
+    from ffl.identify.bayes import DirectBayesianInverse
+    from ffl.report.bayes_figures import identified_taps
+
+    recording = _one(task, "bayes")
+    fitted = DirectBayesianInverse(task.n_ac, task.n_c).fit(recording)
+    rows = zip(fitted.taps_, fitted.theta_, fitted.standard_errors(), strict=True)
+    facts = {
+        "taps": [{"lag": int(k), "value": float(v), "std_error": float(s)} for k, v, s in rows],
+        "noise_variance": float(fitted.noise_variance_),
+        "status": str(fitted.result_.status),
+    }
+    page = _page("bayes", recording)
+    with drawing():
+        figure, ax = subplots()
+        identified_taps(fitted, ax)
+    page.section("Inverse").figure(
+        figure,
+        "Taps of the inverse",
+        "Posterior mean and two standard deviations either way; taps before zero act before the "
+        "reference does.",
+    )
+    return Found(facts, page)
+
+
+def _instrumental(task: Task) -> Found:
+    from ffl.identify import InstrumentalInverse
+
+    if task.model is None or task.basis is None:
+        raise InputError("identify instrumental: give --model (with its controller) and --basis")
+    recording = _one(task, "instrumental")
+    basis, _, _ = run_parts(load_step(task.basis), task.model.sample_time)
+    fitted = InstrumentalInverse(basis, task.model).fit(recording)
+    errors = fitted.inverse_.standard_errors
+    facts = {
+        "parameters": [
+            {"name": name, "value": float(value), "std_error": float(error)}
+            for name, value, error in zip(basis.names, fitted.theta_, errors, strict=True)
+        ],
+        "rank": int(fitted.rank_),
+        "instrument_strength": float(fitted.instrument_strength_),
+    }
+    page = _page("instrumental", recording)
+    page.section("Inverse").table(
+        ["parameter", "value", "standard error"],
+        [[p["name"], p["value"], p["std_error"]] for p in facts["parameters"]],
+        "Instruments are the model's noise-free answer to r and f, so feedback noise does not bias "
+        f"the parameters. Weakest instrument: {facts['instrument_strength']:.3g} (near 0: noise "
+        "carries that direction).",
+    )
+    return Found(facts, page)
+
+
+def _linear(task: Task) -> Found:
+    from ffl.identify.linear import best_linear
+    from ffl.report import linear_figures as draw
+
+    controller = task.model.controller if task.model is not None else None
+    model = best_linear(task.recordings, task.orders, controller=controller)
+    first = task.recordings[0]
+    units = first.units
+    plant = model.plant("identified", units.get("u", ""), units.get("y", ""))
+    page = _page("linear", first)
+    summary = model.summary()
+    summary = {"criterion": summary.pop("method"), **summary}
+    page.section("Model").facts(
+        [
+            ("order", summary["order"]),
+            ("error of the free run (NRMSE)", summary["nrmse"]),
+            ("residual white, p", summary["whiteness_p"]),
+        ]
+    )
+    with drawing():
+        figure, axes = subplots(8.6, 3.6, 1, 2)
+        draw.order_ladder(axes[0], model)
+        draw.poles_and_zeros(axes[1], model)
+    page.figure(
+        figure,
+        "Order by held-out error, poles and zeros",
+        "The chosen order is the smallest whose held-out error is as good as the best; a curve of "
+        "the estimation data that falls on is fitting noise.",
+    )
+    f = np.geomspace(1.0 / first.duration, 0.499 / first.sample_time, 400)
+    with drawing():
+        figure, axes = subplots(8.6, 6.0, 2, 1)
+        draw.magnitude_band(axes[0], f, model.response(f), model.response_std(f))
+        draw.fit_overlay(axes[1], model.overlay(first), units.get("y", ""))
+    page.figure(
+        figure,
+        "Frequency response and free run",
+        "Magnitude with its 95 % band, and the model's free-running simulation over the recording.",
+    )
+    with drawing():
+        figure, axes = subplots(8.6, 2.8, 1, 2)
+        draw.residual_correlations(axes, model)
+    page.figure(
+        figure,
+        "What the model leaves",
+        "Bars beyond the band: structure the model leaves in the residual, or (right) response to "
+        "the input that it misses; `ffl diagnose` asks what it is.",
+    )
+    return Found(summary, page, plant)
+
+
+METHODS: dict[str, Callable[[Task], Found]] = {
+    "linear": _linear,
+    "least_squares": _least_squares,
+    "kernel": _kernel,
+    "rational": _rational,
+    "bayes": _bayes,
+    "instrumental": _instrumental,
+}
+
+
+def _page(method: str, recording: Recording) -> Page:
+    page = Page(
+        f"Identification: {method}",
+        f"From {recording.source}: {len(recording)} samples of {recording.sample_time * 1e3:g} ms.",
+    )
+    page.footer = f"Written by ffl {__version__}."
+    return page
+
+
+def finite(value: Any) -> Any:
+    """`value` without what could not be computed: NaN and infinity are left out of tables."""
+    if isinstance(value, Mapping):
+        kept = {k: finite(v) for k, v in value.items()}
+        return {k: v for k, v in kept.items() if v is not None}
+    if isinstance(value, (list, tuple)):
+        return [v for v in (finite(item) for item in value) if v is not None]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value
+
+
+def identify_with_report(
+    method: str,
+    data: Sequence[Path],
+    map: Path | None = None,
+    model: Path | None = None,
+    basis: Path | None = None,
+    n_ac: int = 50,
+    n_c: int = 50,
+    orders: Sequence[int] = (1, 2, 3, 4, 5, 6, 7, 8),
+    out: Path | None = None,
+) -> dict[str, Any]:
+    """Identifies, and writes answer.json, report.html (and plant.toml for `linear`) to `out`."""
+    if method not in METHODS:
+        raise InputError(f"identify '{method}': {suggest(method, list(METHODS))}")
+    if min(n_ac, n_c) < 0:
+        raise InputError(f"n_ac = {n_ac}, n_c = {n_c} must not be negative")
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a folder for --out")
+    mapping = find_map(str(map), Path()) if map is not None else None
+    plant = load_plant(model) if model is not None else None
+    recordings = tuple(
+        read_recording(
+            find_recording(str(path), Path()),
+            mapping,
+            sample_time=plant.sample_time if plant is not None else None,
+        )
+        for path in data
+    )
+    found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders)))
+    answer: dict[str, Any] = {"schema": 1, "method": method, **finite(found.facts)}
+    if out is not None:
+        write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
+        if found.plant is not None:
+            save_plant(found.plant, out / "plant.toml")
+        found.page.write(out / "report.html")
+    return answer
