@@ -18,6 +18,7 @@ from ffl.bases import FIR, OBF, Basis, SumBasis
 from ffl.learn import LearningTask, NormOptimal, Trial, Weights, learn
 from ffl.machines import SimulatedMachine
 from ffl.systems import (
+    Imperfections,
     Move,
     Plant,
     Zpk,
@@ -109,6 +110,7 @@ class Printer2018:
     machines: Array
     best_delays: tuple[int, ...]
     carried: dict[str, tuple[float, float, float]]
+    exact: dict[str, list[Trial]]
 
 
 def reference_signal() -> Array:
@@ -242,6 +244,15 @@ def _machine_norms(
     return norms, index
 
 
+def learn_on_the_model(
+    model: Plant, basis: Basis, reference: Array, seed: SeedSequence
+) -> list[Trial]:
+    """Three trials where the machine is the model, without noise, with next to no weight on f."""
+    quiet = SimulatedMachine(replace(model, machine=Imperfections()))
+    task = LearningTask(model, quiet, basis, reference, Weights(1e9, 1e-9))
+    return list(learn(task, 3, seed))
+
+
 def carry_over(
     model: Plant, machine: Plant, basis: Basis, weights: Weights, theta: Array, seed: SeedSequence
 ) -> tuple[float, float, float]:
@@ -281,6 +292,10 @@ def reproduce(
         trials[name] = learn_trials(model, machine, basis, weights, reference, own)
         theta = trials[name][-1].theta
         carried[name] = carry_over(model, machine, basis, weights, theta, run_seed(seed + 1, name))
+    exact = {
+        name: learn_on_the_model(model, runs[name][0], reference, run_seed(seed, name))
+        for name in ("obf", "obf_q_q2")
+    }
     n = FAST_MACHINES if fast else MACHINES
     norms = np.zeros((n, 5))
     work = Parallel(n_jobs=jobs, return_as="generator_unordered")(
@@ -289,7 +304,7 @@ def reproduce(
     for count, (values, index) in enumerate(work):
         norms[index] = values
         say(0.2 + 0.8 * (count + 1) / n, f"machine {count + 1} of {n}")
-    rows = _rows(example, trials, norms, carried)
+    rows = _rows(example, trials, norms, carried, exact)
     return Printer2018(
         rows,
         example,
@@ -302,6 +317,7 @@ def reproduce(
         norms,
         delays,
         carried,
+        exact,
     )
 
 
@@ -310,6 +326,7 @@ def _rows(
     trials: dict[str, list[Trial]],
     norms: Array,
     carried: dict[str, tuple[float, float, float]],
+    exact: dict[str, list[Trial]],
 ) -> tuple[Row, ...]:
     last = {name: run[-1].error_norm for name, run in trials.items()}
     n = len(norms)
@@ -356,6 +373,11 @@ def _rows(
         rows.append(Row(f"carried_{name}", left, moved / feedback, "fraction", 1))
         again = f"{name}: the same after ten trials on that reference"
         rows.append(Row(f"relearned_{name}", again, own / feedback, "fraction", 1))
+    for name, run in exact.items():
+        what = f"{name} where the machine is the model, no noise: error left of that with feedback only"
+        rows.append(
+            Row(f"exact_{name}", what, run[-1].error_norm / run[0].error_norm, "fraction", 1)
+        )
     for key, fit in zip(("fir100", "obf4", "obf12"), example.fits, strict=True):
         what = f"Example 1, {fit.name}: relative L2 error"
         rows.append(Row(f"example1_{key}", what, fit.relative_error, "fraction", 1))
