@@ -108,7 +108,7 @@ def fit_linear(
     >>> abs(model.poles[0].value.real - 0.8) < 4 * model.poles[0].std_real
     True
     """
-    pieces = as_signals(recordings)
+    pieces = as_signals(recordings, controller)
     kind = _method(method, pieces, controller)
     s = _structure(order, integrators, delay, feedthrough, kind, offset)
     _check_length(pieces, s)
@@ -143,7 +143,7 @@ def best_linear(
     `delays` None: none, and what `estimate_delay`
     finds. The rest as in `fit_linear`, all rungs in `ladder`.
     """
-    pieces = as_signals(recordings)
+    pieces = as_signals(recordings, controller)
     kind = _method(method, pieces, controller)
     orders = sorted({int(order) for order in orders})
     if not orders or n_folds < 2:

@@ -41,8 +41,9 @@ def minimise(
 ) -> Fitted:
     """Levenberg-Marquardt from `start`; each accepted step is rebalanced and given new coordinates.
 
-    Stops as converged at rounding level, where the Gauss-Newton decrement falls below `tolerance` times the noise
-    variance (1e-6: a step of a thousandth of a standard error) or the relative decrease below 1e-12.
+    Stops as converged at rounding level, where the Gauss-Newton decrement falls below `tolerance`
+    times the noise variance (1e-6: a step of a thousandth of a standard error), or where the
+    relative decrease falls below 1e-12.
     """
     s = problem.structure
     point = balance(start, s)

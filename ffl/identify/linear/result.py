@@ -143,7 +143,7 @@ class LinearModel:
         The initial state is estimated from the first `start_samples` samples (all, where None), with
         what the inputs can reach as its prior: states that few samples do not show stay small.
         """
-        (piece,) = as_signals(recording)
+        (piece,) = as_signals(recording, self.controller)
         scaled = self.scale.apply(piece)
         predictor = predictor_of(self.method, self.structure, self.controller, self.scale)
         stop = len(piece) if start_samples is None else start_samples + self.structure.delay

@@ -72,13 +72,18 @@ class Signals:
         return self.u if self.d is None else self.u + self.d
 
 
-def as_signals(recordings: Any) -> tuple[Signals, ...]:
-    """One `Recording` or `Signals`, or a sequence of them, checked; sample times within 0.1 %."""
+def as_signals(recordings: Any, controller: Controller | None = None) -> tuple[Signals, ...]:
+    """One `Recording` or `Signals`, or a sequence of them, checked; sample times within 0.1 %.
+
+    A command that was not recorded is computed from r, f and y where the controller is known.
+    """
     if hasattr(recordings, "y"):
         recordings = [recordings]
     if not isinstance(recordings, Sequence) or not recordings:
         raise InputError("no recording given; give at least one with u and y")
-    pieces = tuple(r if isinstance(r, Signals) else _from_recording(r) for r in recordings)
+    pieces = tuple(
+        r if isinstance(r, Signals) else _from_recording(r, controller) for r in recordings
+    )
     for piece in pieces[1:]:
         if abs(piece.sample_time / pieces[0].sample_time - 1.0) > 1e-3:
             raise InputError(
@@ -88,7 +93,7 @@ def as_signals(recordings: Any) -> tuple[Signals, ...]:
     return pieces
 
 
-def _from_recording(recording: Any) -> Signals:
+def _from_recording(recording: Any, controller: Controller | None) -> Signals:
     for name in ("u", "y", "sample_time"):
         if not hasattr(recording, name):
             raise InputError(
@@ -100,14 +105,22 @@ def _from_recording(recording: Any) -> Signals:
     def column(name: str) -> Array | None:
         return None if name in missing else getattr(recording, name, None)
 
+    source = str(getattr(recording, "source", "recording")) or "recording"
+    u = recording.u
+    if "u" in missing and not np.all(np.isfinite(u)):
+        if controller is None:
+            raise InputError(
+                f"{source}: the command u is not recorded; give the controller it follows from"
+            )
+        u = recording.f + controller.state_space.filter(np.column_stack([recording.r, recording.y]))
     return Signals(
-        recording.u,
+        u,
         recording.y,
         float(recording.sample_time),
         column("r"),
         column("f"),
         column("d"),
-        str(getattr(recording, "source", "recording")) or "recording",
+        source,
     )
 
 
@@ -148,13 +161,14 @@ def check_excitation(pieces: Sequence[Signals], n_parameters: int, n_states: int
 
 
 def excitation_rank(pieces: Sequence[Signals], lags: int, tolerance: float = 1e-9) -> int:
-    """Numerical rank of `lags` delayed copies of the input (persistence of excitation)."""
+    """Numerical rank of `lags` delayed copies of the input beside a constant (persistence of
+    excitation)."""
     rows = []
     for piece in pieces:
         if len(piece) > lags:
-            force = piece.force - piece.force.mean()
-            windows = np.lib.stride_tricks.sliding_window_view(force, lags)
-            rows.append(np.linalg.qr(windows, mode="r"))
+            windows = np.lib.stride_tricks.sliding_window_view(piece.force, lags)
+            with_constant = np.column_stack([np.ones(len(windows)), windows])
+            rows.append(np.linalg.qr(with_constant, mode="r")[1:, 1:])
     if not rows:
         return 0
     singular = np.linalg.svd(np.vstack(rows), compute_uv=False)

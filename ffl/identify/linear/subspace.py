@@ -87,7 +87,7 @@ def long_arx(pieces: Sequence[Signals], s: Structure, max_lags: int = 60) -> Lon
     )
 
 
-def regularised_fir(pieces: Sequence[Signals], s: Structure, taps: int = 120) -> LongModel:
+def regularised_fir(pieces: Sequence[Signals], s: Structure, taps: int = 80) -> LongModel:
     """FIR with prior covariance c lambda^max(i, j) (TC), (c, lambda, noise) by marginal likelihood.
 
     From R of the data the likelihood costs O(taps^3) whatever N is.
@@ -131,7 +131,7 @@ def regularised_fir(pieces: Sequence[Signals], s: Structure, taps: int = 120) ->
         lambda x: posterior(x)[0],
         start,
         method="Nelder-Mead",
-        options={"maxfev": 120, "xatol": 0.05, "fatol": 0.1},
+        options={"maxfev": 60, "xatol": 0.05, "fatol": 0.1},
     )
     theta = posterior(found.x)[1]
     g = theta[:taps]

@@ -1,0 +1,134 @@
+"""Figures of a forward linear model; each draws what it is given and returns its axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from ffl.identify.linear import LinearModel, Overlay
+from ffl.report.page import COLOURS, MARKERS
+from ffl.systems.state_space import Array
+
+INK = "#1b1f24"
+
+
+def order_ladder(ax: Axes, model: LinearModel) -> Axes:
+    """Held-out (full) and estimation (hollow) NRMSE over the order; the chosen rung is ringed."""
+    kinds = sorted({(r.structure.delay, r.structure.integrators) for r in model.ladder})
+    for index, (delay, integrators) in enumerate(kinds):
+        rungs = [
+            r
+            for r in model.ladder
+            if (r.structure.delay, r.structure.integrators) == (delay, integrators)
+        ]
+        orders = [r.structure.order for r in rungs]
+        colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
+        label = "held out" if len(kinds) == 1 else f"held out, delay {delay}, at 1: {integrators}"
+        ax.semilogy(orders, [r.held_out for r in rungs], marker=marker, color=colour, label=label)
+        ax.semilogy(
+            orders,
+            [r.estimation for r in rungs],
+            marker=marker,
+            markerfacecolor="none",
+            linestyle=":",
+            color=colour,
+            label="estimation" if index == 0 else None,
+        )
+    chosen = [r for r in model.ladder if r.structure == model.structure]
+    ax.plot(
+        [r.structure.order for r in chosen],
+        [r.held_out for r in chosen],
+        "o",
+        markersize=14,
+        markerfacecolor="none",
+        color=INK,
+        label="chosen",
+    )
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlabel("order")
+    ax.set_ylabel("NRMSE [1]")
+    ax.legend()
+    return ax
+
+
+def poles_and_zeros(ax: Axes, model: LinearModel, z: float = 1.959964) -> Axes:
+    """Poles (crosses) and zeros (circles) with `z` standard errors, and the unit circle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.6)
+    for roots, marker, colour, label in (
+        (model.poles, "x", COLOURS[0], "poles"),
+        (model.zeros, "o", COLOURS[1], "zeros"),
+    ):
+        if not roots:
+            continue
+        ax.errorbar(
+            [r.value.real for r in roots],
+            [r.value.imag for r in roots],
+            xerr=[z * r.std_real for r in roots],
+            yerr=[z * r.std_imag for r in roots],
+            fmt=marker,
+            markerfacecolor="none",
+            color=colour,
+            capsize=2.0,
+            label=f"{label}, 95 %",
+        )
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel("real part [1]")
+    ax.set_ylabel("imaginary part [1]")
+    ax.legend()
+    return ax
+
+
+def fit_overlay(ax: Axes, overlay: Overlay, unit: str = "", label: str = "model") -> Axes:
+    """Measured output, the model's, and their difference over time."""
+    ax.plot(overlay.time, overlay.measured, color=INK, linewidth=1.4, label="measured")
+    ax.plot(overlay.time, overlay.output, color=COLOURS[0], linewidth=0.9, label=label)
+    ax.plot(
+        overlay.time,
+        overlay.measured - overlay.output,
+        color=COLOURS[1],
+        linewidth=0.7,
+        label="difference",
+    )
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(f"output [{unit}]" if unit else "output")
+    ax.legend(ncols=3)
+    return ax
+
+
+def magnitude_band(
+    ax: Axes,
+    frequencies: Array,
+    response: Array,
+    std: Array,
+    unit: str = "1",
+    z: float = 2.447747,
+) -> Axes:
+    """|P| over frequency with the band |P| ± z std (z = 2.45: the 95 % disc of a complex number)."""
+    magnitude = np.abs(response)
+    low = np.maximum(magnitude - z * std, magnitude * 1e-3)
+    ax.fill_between(frequencies, low, magnitude + z * std, color=COLOURS[0], alpha=0.25, lw=0)
+    ax.loglog(frequencies, magnitude, color=COLOURS[0])
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel(f"|P| [{unit}]")
+    return ax
+
+
+def residual_correlations(axes: Sequence[Axes], model: LinearModel) -> Sequence[Axes]:
+    """Autocorrelation of the residual (left), its correlation with the input (right), 99 % bounds."""
+    for ax, test, label in zip(
+        axes,
+        (model.whiteness, model.independence),
+        ("residual with itself [1]", "residual with input [1]"),
+        strict=True,
+    ):
+        lags = np.arange(test.correlation.size)
+        ax.axhspan(-test.bound, test.bound, color=COLOURS[0], alpha=0.15, lw=0)
+        ax.vlines(lags, 0.0, test.correlation, color=INK)
+        ax.set_xlabel("lag [samples]")
+        ax.set_ylabel(label)
+        ax.set_title(f"p = {test.p_value:.2g}", fontsize="medium")
+    return axes
