@@ -206,6 +206,23 @@ def reduced(regression: Regression, kernel: Kernel) -> Rows:
     return regression.triangle if p > 0.1 * regression.n_taps else regression
 
 
+def unexplained(rows: Rows, kernel: Kernel, lags: Array) -> float:
+    """Variance that least squares on the kernel's columns leaves: where the noise's search begins.
+
+    A tenth of the power where there are too few rows to tell. Begun too low, the search has ended
+    in kernels that explain the noise.
+    """
+    power = (float(rows.target @ rows.target) + rows.rest) / rows.n_rows
+    columns = rows.apply(kernel.factor(lags).columns)
+    free = rows.n_rows - columns.shape[1]
+    if free < 0.1 * rows.n_rows:
+        return 0.1 * power
+    q = scipy.linalg.orth(columns)
+    residual = rows.target - q @ (q.T @ rows.target)
+    squares = float(residual @ residual) + rows.rest
+    return max(squares / free, 1e-6 * power)
+
+
 def maximise_evidence(
     rows: Rows,
     lags: Array,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffl.errors import InputError
 from ffl.identify.estimator import Estimator, signals
-from ffl.identify.evidence import maximise_evidence, reduced
+from ffl.identify.evidence import maximise_evidence, reduced, unexplained
 from ffl.identify.inverse import IdentifiedInverse
 from ffl.identify.kernels import TC, Direct, Fixed, Kernel
 from ffl.identify.noise import NoiseModel, fit_noise, whitened
@@ -147,12 +147,13 @@ class KernelInverse(Backward):
         if kernel is None:
             gain = power / float(np.mean(rows.output**2))
             kernel = TC(gain) + Direct(max(-3, -self.n_ac), 0, gain)
+        data, learn_noise = reduced(rows, kernel), self.noise_variance is None
         found = maximise_evidence(
-            reduced(rows, kernel),
+            data,
             rows.lags,
             kernel if self.learn else Fixed(kernel),
-            0.1 * power if self.noise_variance is None else self.noise_variance,
-            learn_noise=self.noise_variance is None,
+            unexplained(data, kernel, rows.lags) if learn_noise else self.noise_variance,
+            learn_noise,
         )
         self.evidence_ = found
         self.kernel_ = found.kernel
