@@ -7,11 +7,13 @@ with phi_i(point), and the motion of a point is sum_i phi_i(point) eta_i, so tha
 response (force and motion at one point) has positive residues only. The residues of the plant give
 the products phi_i(motor) phi_i(sensor). What they leave open is settled by the two-mass picture:
 
-* a positive residue (relative to the rigid body): sensor and motor are on the same side for that
-  mode, and phi_i(load)/phi_i(motor) = -1/ratio with ratio = residue_i/residue_0;
-* a negative residue: the sensor is on the load side, and phi_i(motor)^2 = ratio * phi_0^2, where
-  ratio = (mass of the load side)/(mass of the motor side) is the free number `mass_ratio`; where it
-  is not given, both ends are taken to move equally far, which is a ratio of 1 for two masses.
+* phi_i(motor)^2 = ratio * phi_0^2, and so phi_i(sensor)/phi_i(motor) = +-(residue_i/residue_0)/ratio,
+  with the sign of the residue relative to the rigid body's. For two masses, ratio is the mass of the
+  load side over that of the motor side.
+* Without `mass_ratio`, sensor and motor are taken to move equally far in every mode: at a positive
+  residue they are then one point, which two masses measured at the motor are; at a negative one they
+  are the two ends. With it, the ratio holds for all modes (1 for a beam driven at its end).
+* The load is the sensor where the residue is negative, else phi_i(load)/phi_i(motor) = -1/ratio.
 
 Positions are in output units, forces in input units, masses therefore in input unit s^2 / output
 unit.
@@ -262,7 +264,7 @@ class Mode:
         if self.rigid or side == "motor":
             return 1.0
         relative = self.residue / rigid_residue
-        if self.sign > 0:
-            ratio = relative if mass_ratio is None else mass_ratio
-            return 1.0 if side == "sensor" else -1.0 / ratio
-        return -1.0 if mass_ratio is None else -relative / mass_ratio
+        ratio = relative if mass_ratio is None else mass_ratio
+        if side == "load" and self.sign > 0:
+            return -1.0 / ratio
+        return self.sign * relative / ratio
