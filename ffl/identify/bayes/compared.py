@@ -25,7 +25,7 @@ class TwoStepFit:
 
 
 def naive(
-    u: np.ndarray, y: np.ndarray, n_ac: int, n_c: int, drop_edge: bool = False
+    u: np.ndarray, y: np.ndarray, n_ac: int, n_c: int, drop_edge: bool = False, refine: bool = False
 ) -> RegularizedFit:
     """(22): u regressed on the noisy y as if y were exact; biased towards small taps.
 
@@ -36,14 +36,16 @@ def naive(
     u, y = check_arrays(u, y, n_ac + n_c)
     rows = len(y) - n_ac if drop_edge else len(y)
     regressors = shifted(y, n_ac, n_c, rows)
-    return regularized_least_squares(regressors, u[:rows], inverse_kernel(n_ac, n_c), 2)
+    return regularized_least_squares(regressors, u[:rows], inverse_kernel(n_ac, n_c), 2, refine)
 
 
-def two_step(u: np.ndarray, y: np.ndarray, n_ac: int, n_c: int, n_f: int = 25) -> TwoStepFit:
+def two_step(
+    u: np.ndarray, y: np.ndarray, n_ac: int, n_c: int, n_f: int = 25, refine: bool = False
+) -> TwoStepFit:
     """(23), then Theorem 1: forward FIR of n_f taps, inverted on the unit circle and cut."""
     u, y = check_arrays(u, y, n_f)
     regressors = toeplitz(u, np.zeros(n_f))
-    forward = regularized_least_squares(regressors, y, forward_kernel(n_f), 1)
+    forward = regularized_least_squares(regressors, y, forward_kernel(n_f), 1, refine)
     return TwoStepFit(invert_response(forward.theta, n_ac, n_c), forward)
 
 

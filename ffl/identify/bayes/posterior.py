@@ -43,7 +43,8 @@ class Posterior:
     """Posterior of theta given (u, y).
 
     `status`: "importance" (weighted draws), "chains" (Metropolis-Hastings, because the weights were
-    poor), "mode" (more than 12 taps: not sampled).
+    poor), "unconverged" (the chains disagree too, split R-hat above 1.1: do not use the answer without
+    asking why; too few taps is the usual reason), "mode" (more than 12 taps: not sampled).
     `effective_sample_size` belongs to what `status` names (the least over the taps for chains, nan for
     the mode); `importance_ess` is that of the weighted draws in any case.
     """
@@ -133,6 +134,7 @@ def _from_chains(
         burn_in=2_000,
         n_chains=4,
     )
+    agree = float(chains.rhat.max()) < 1.1
     flat = chains.draws[:, ::10].reshape(-1, len(mode))
     return Posterior(
         n_ac,
@@ -142,7 +144,7 @@ def _from_chains(
         chains.mean_misfit / (record.n_samples - 2),
         _kernel(prior, flat, np.full(len(flat), 1 / len(flat))),
         start,
-        "chains",
+        "chains" if agree else "unconverged",
         float(chains.effective_sample_size.min()),
         drawn.effective_sample_size,
         drawn.log_evidence,

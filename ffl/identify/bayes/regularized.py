@@ -11,6 +11,8 @@ from ffl.identify.bayes.stable_spline import stable_spline
 
 Kernel = Callable[[np.ndarray], np.ndarray]  # decays in (0, 1) -> covariance at unit scale
 
+DECAY_CANDIDATES = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
+
 
 @dataclass(frozen=True)
 class RegularizedFit:
@@ -25,13 +27,19 @@ class RegularizedFit:
 
 
 def regularized_least_squares(
-    regressors: np.ndarray, observed: np.ndarray, kernel: Kernel, n_decays: int
+    regressors: np.ndarray,
+    observed: np.ndarray,
+    kernel: Kernel,
+    n_decays: int,
+    refine: bool = False,
 ) -> RegularizedFit:
     """theta = argmin ||observed - regressors theta||^2 + gamma theta' K^-1 theta, gamma by evidence.
 
     observed ~ N(0, s^2 (I + rho Phi K Phi')), written in the triangular coordinates of Phi: the cost
     is O(N n^2) once and O(n^3) per trial of hyperparameters. s^2 is profiled out in closed form,
-    rho and the decays (logistic) are found from a small grid by L-BFGS.
+    rho and the decays are the best of the candidates, every decay of `DECAY_CANDIDATES` with every
+    scale, as the paper chooses them (section III.B). With `refine` L-BFGS goes on from there, which on
+    the paper's example is worth 1 point of fit to `naive` and 3 to `two_step`.
     """
     n_rows, n = regressors.shape
     if n_rows <= n:
@@ -51,11 +59,12 @@ def regularized_least_squares(
         white = np.linalg.solve(root, target)
         return 0.5 * n_rows * np.log(white @ white + floor) + np.log(np.diag(root)).sum()
 
-    grid = np.meshgrid([1.0, 4.0, 8.0], *[[-2.0, 0.0, 2.0]] * n_decays)
-    starts = np.stack([g.ravel() for g in grid], axis=1)
-    start = min(starts, key=cost)
-    bounds = [(-10.0, 25.0)] + [(-6.0, 6.0)] * n_decays
-    found = minimize(cost, start, method="L-BFGS-B", bounds=bounds).x
+    logits = np.log(np.array(DECAY_CANDIDATES) / (1 - np.array(DECAY_CANDIDATES)))
+    grid = np.meshgrid(np.linspace(-3, 18, 15), *[logits] * n_decays)
+    found = min(np.stack([g.ravel() for g in grid], axis=1), key=cost)
+    if refine:
+        bounds = [(-10.0, 25.0)] + [(-6.0, 6.0)] * n_decays
+        found = minimize(cost, found, method="L-BFGS-B", bounds=bounds).x
     spread, root = covariance(found)
     white = np.linalg.solve(root, target)
     variance = float((white @ white + floor) / n_rows)

@@ -60,7 +60,10 @@ def refine_roots(c, z):
             for j in range(n):
                 if j != k and z[j] != zk:
                     repulsion += 1.0 / (zk - z[j])
-            step = 1.0 / (newton - repulsion)
+            away = newton - repulsion
+            if abs(away) * abs(zk) < 1e-14:  # a root at infinity: the leading tap is zero
+                continue
+            step = 1.0 / away
             z[k] = zk - step
             largest = max(largest, abs(step) / (abs(zk) + 1e-30))
         if largest < 1e-13:

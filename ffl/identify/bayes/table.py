@@ -49,7 +49,7 @@ class Row:
     what: str
     ours: float
     unit: str
-    std_error: float
+    std_error: float | None
     n: int
     paper: float | None = None
 
@@ -68,7 +68,7 @@ class TableOne:
     forward_fits: np.ndarray  # of the two-step forward models, %
     dropped: dict[str, int]  # method -> number of outliers
     paired_gain: float  # mean of best - algorithm_1 over all data sets
-    paired_gain_std_error: float
+    paired_gain_std_error: float | None
     effective_sample_sizes: np.ndarray
     statuses: dict[str, int]
     forward_impulse: np.ndarray  # xi(0..), Figure 3 left
@@ -178,7 +178,9 @@ def _fit(theta: np.ndarray, data: DataSet) -> float:
     return inverse_fit(theta, N_AC, data.u, data.x, data.n_samples)
 
 
-def _std_error(values: np.ndarray) -> float:
+def _std_error(values: np.ndarray) -> float | None:
+    if len(values) < 2:
+        return None
     return float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
@@ -227,6 +229,6 @@ def _rows(fits: dict[str, np.ndarray], seconds: np.ndarray):
         "worst fit of the best way",
         float(fits["best"].min()),
         "%",
-        0.0,
+        None,
         len(gain),
     )
