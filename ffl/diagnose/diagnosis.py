@@ -168,6 +168,7 @@ def _conclude(
         maps_after=maps_after,
         notes=tuple(notes),
         free_form=tuple(rivals[:5]),
+        forces=where.forces(standing.scene, standing.model) if effects else None,
     )
 
 

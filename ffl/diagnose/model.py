@@ -142,7 +142,14 @@ class Model:
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
             high = min(np.log(upper), at + reach)
             return Coordinate("effect", parameter.name, i, None, 1.0, low, high, True)
-        scale = max(abs(value), 1e-12)
+        effect = EFFECTS[self.effects[i].name]
+        alike = [
+            abs(float(self.effects[i].parameters[p.name]))
+            for p in effect.parameters
+            if p.unit == parameter.unit
+            and isinstance(self.effects[i].parameters.get(p.name), int | float)
+        ]
+        scale = max(abs(value), 0.3 * max(alike, default=0.0), 1e-12)
         if parameter.unit == "rad":
             scale = 1.0
         return Coordinate("effect", parameter.name, i, None, scale, lower, upper)

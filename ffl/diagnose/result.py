@@ -11,7 +11,7 @@ import numpy as np
 from ffl.diagnose.prove import Proof
 from ffl.diagnose.search import Judged, Step
 from ffl.diagnose.sound import Soundness
-from ffl.diagnose.where import Map, Place
+from ffl.diagnose.where import Forces, Map, Place
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
 
@@ -67,7 +67,7 @@ class Diagnosis:
     maps_after: tuple[Map, ...] = ()
     notes: tuple[str, ...] = ()
     free_form: tuple[Any, ...] = ()
-    experiment: Any = None
+    forces: Forces | None = None
 
     def answer(self) -> dict[str, Any]:
         """answer.json of `ffl diagnose` (INTERFACES.md); what could not be computed is absent."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
+import scipy.optimize
 
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.linear import discrete
@@ -25,6 +26,22 @@ from ffl.systems.state_space import Array, StateSpace
 
 TAIL = 1e-7  # energy of an impulse response that may be cut off
 PER_COLUMN = 8.0  # sum of squares that one more coefficient must take off (twice its likelihood)
+POSITIVE = (  # coefficients of the regressors are magnitudes
+    "coulomb_friction",
+    "asymmetric_friction",
+    "viscous_friction",
+    "stribeck_friction",
+    "presliding_friction",
+    "position_dependent_friction",
+    "hardening_spring",
+    "quadratic_drag",
+    "backlash",
+    "hysteresis",
+    "dead_zone",
+    "input_delay",
+    "actuator_lag",
+    "flexible_mode",
+)
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -155,8 +172,9 @@ class Screen:
 
     # --- judging ---------------------------------------------------------------------------------
 
-    def gain(self, columns: Array) -> tuple[float, Array]:
-        """(what the columns take off the residual's sum of squares, their coefficients)."""
+    def gain(self, columns: Array, positive: bool = False) -> tuple[float, Array]:
+        """(what the columns take off the residual's sum of squares, their coefficients; `positive`:
+        none of them negative)."""
         beyond = columns - self.basis @ (self.basis.T @ columns)
         size = np.linalg.norm(beyond, axis=0)
         floor = NORM_FLOOR * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
@@ -166,8 +184,11 @@ class Screen:
         if np.abs(np.diag(r)).min() < 1e-7:
             return 0.0, np.zeros(columns.shape[1])
         target = q.T @ self.residual
-        coefficients = np.linalg.solve(r, target) / size
-        return float(target @ target), coefficients
+        coefficients = np.linalg.solve(r, target)
+        if positive and np.any(coefficients < 0):
+            coefficients, left = scipy.optimize.nnls(r, target)
+            return float(target @ target - left**2), coefficients / size
+        return float(target @ target), coefficients / size
 
     def candidates(self, names: Sequence[str] | None = None) -> list[Candidate]:
         """Best starting point of every effect at every place, best first."""
@@ -205,11 +226,13 @@ class Screen:
             columns = self.through(
                 place, [self._columns(effect, m, nonlinear, place) for m in motions]
             )
-            gain, coefficients = self.gain(columns)
+            gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             worth = gain - PER_COLUMN * columns.shape[1]
             if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
                 continue
             if effect.fixed_amount and not 0.2 < coefficients[0] < 5.0:
+                continue
+            if gain <= 0.0:
                 continue
             values = effect.from_coefficients(coefficients, nonlinear)
             chosen = {key: values.pop(key) for key in list(values) if key in effect.options}

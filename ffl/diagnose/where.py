@@ -9,6 +9,9 @@ import numpy as np
 import scipy.signal
 
 from ffl.diagnose.fit import Scene
+from ffl.diagnose.model import Model
+from ffl.diagnose.noise import Paths
+from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
 
 
@@ -31,6 +34,46 @@ class Place:
     depends_on: tuple[str, ...]
     frequency_band_hz: tuple[float, float] | None = None
     time_s: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Along the first recording: force that the residual asks for (smoothed), and that the effects
+    give, in `unit`."""
+
+    position: Array
+    velocity: Array
+    wanted: Array
+    fitted: Array
+    unit: str
+    output_unit: str
+
+
+def forces(scene: Scene, model: Model) -> Forces | None:
+    """The equivalent force disturbance of the first recording, band-limited to where it is seen.
+
+    The effects' own force plus the least force beside it, in the sense of Wiener's filter, that
+    explains the residual left: conj(SP) e/(|SP|^2 + noise/force^2), frequency by frequency.
+    """
+    kinds = [EFFECTS[e.name].port == "force" for e in model.effects]
+    if not any(kinds):
+        return None
+    trial = scene.trials[0]
+    run = model.simulate(trial)
+    fitted = run.contribution[:, kinds].sum(axis=1) * model.simulator.force_per_input
+    n = 2 * len(trial)
+    e = np.fft.rfft(trial.y - run.y, n)
+    f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)
+    path = scene.loop.system.response(f)[:, 0, 2]
+    noise = scene.noise.density(Paths.of(scene.loop, f))
+    size = max(float(np.mean((fitted / model.simulator.force_per_input) ** 2)), 1e-300)
+    slow = size * 2 * np.pi * 5.0 * trial.sample_time / (1 + (f / 5.0) ** 2)
+    beside = np.fft.irfft(np.conj(path) * e / (np.abs(path) ** 2 + noise / slow), n)[: len(trial)]
+    return Forces(
+        run.x, run.v, fitted + beside * model.simulator.force_per_input, fitted,
+        "N" if model.base.plant.physics.motor_constant else model.base.plant.input_unit or "input",
+        model.base.plant.output_unit or "output",
+    )  # fmt: skip
 
 
 def maps(scene: Scene, white: Array) -> tuple[Map, ...]:

@@ -20,7 +20,7 @@ KINDS = ("exponential", "sine", "ramp")
 def _force(p, t):  # type: ignore[no-untyped-def]
     """p: amplitude, time_constant, kind."""
     if p[2] == 0.0:
-        return p[0] * (1.0 - np.exp(-t / p[1]))
+        return p[0] * (1.0 - np.exp(-max(t, 0.0) / p[1]))
     if p[2] == 1.0:
         return p[0] * np.sin(2.0 * np.pi * t / p[1])
     return p[0] * t / p[1]
@@ -35,7 +35,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
 
 class Drift(Effect):
     """F = amplitude (1 - exp(-t/time_constant)); `kind` "sine": amplitude sin(2 pi t/time_constant);
-    "ramp": amplitude t/time_constant. t is the recording's clock."""
+    "ramp": amplitude t/time_constant. t is the recording's clock; the settling begins at t = 0."""
 
     name = "drift"
     component = "environment"
@@ -62,10 +62,11 @@ class Drift(Effect):
         ]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
-        packed = np.array(
-            [1.0, nonlinear["time_constant"], KINDS.index(nonlinear.get("kind", "exponential"))]
-        )
-        return np.asarray(_force.py_func(packed, motion.t))[:, None]
+        tau, kind = nonlinear["time_constant"], nonlinear.get("kind", "exponential")
+        t = motion.t
+        if kind == "exponential":
+            return (1.0 - np.exp(-np.maximum(t, 0.0) / tau))[:, None]
+        return (np.sin(2.0 * np.pi * t / tau) if kind == "sine" else t / tau)[:, None]
 
     def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
         return None  # the reference does not know how long the machine has been on
