@@ -8,6 +8,7 @@ from ffl.identify.kernels import KERNELS, Kernel
 from ffl.identify.noise import NoiseModel, fit_noise, noise_of
 from ffl.identify.rational import RationalInverse
 from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
+from ffl.identify.two_stage import TwoStageInverse
 
 __all__ = [
     "KERNELS",
@@ -24,6 +25,7 @@ __all__ = [
     "ParametricInverse",
     "RationalInverse",
     "Regression",
+    "TwoStageInverse",
     "backward_regression",
     "fit_noise",
     "least_squares",
