@@ -252,6 +252,35 @@ def identify(
             print(f"{name}: {value:.6g}" if isinstance(value, float) else f"{name}: {value}")
 
 
+@app.command()
+def diagnose(
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings to learn from.")],
+    model: Annotated[Path, typer.Option(help="Plant file of the model.")],
+    validate: Annotated[
+        list[Path] | None, typer.Option(help="Recording that only judges; may be repeated.")
+    ] = None,
+    map: Map = None,
+    out: Out = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Locate, name, model and prove what the model leaves out of the recordings."""
+    from ffl.campaign.reference import find_recording
+    from ffl.report.diagnosis import diagnose_with_report, print_answer
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a folder for --out")
+    here = Path()
+    found = [find_recording(str(path), here) for path in recordings]
+    judging = [find_recording(str(path), here) for path in validate or ()]
+    quiet = quiet or not sys.stderr.isatty()
+    answer = diagnose_with_report(model, found, judging, map, out, quiet)
+    if json:
+        _print_json(answer)
+    else:
+        print_answer(answer)
+
+
 challenge = typer.Typer(help="The project's own blind test: make, solve, score.")
 app.add_typer(challenge, name="challenge")
 

@@ -342,3 +342,14 @@ def test_identify_refuses_in_one_line(stage_recording, refuse):
     twice = ("--data", stage_recording, "--data", stage_recording)
     refuse("identify", "kernel", *twice, says="give --data once")
     refuse("identify", "instrumental", "--data", stage_recording, says="give --model")
+
+
+def test_diagnose_refuses_in_one_line(stage_recording, refuse, tmp_path):
+    model = tmp_path / "model.toml"
+    refuse("diagnose", stage_recording, says="--model")
+    refuse("diagnose", "--model", model, says="recordings")
+    refuse("diagnose", "--model", model, "none.csv", says="no such file")
+    refuse("diagnose", "--model", "none.toml", stage_recording, says="no such file")
+    validate = ("--validate", "none.csv")
+    refuse("diagnose", "--model", model, stage_recording, *validate, says="no such file")
+    refuse("diagnose", "--model", model, stage_recording, "--out", model, says="is a file")
