@@ -71,22 +71,21 @@ def _piece(p, io, x1, v1, begin, end):  # type: ignore[no-untyped-def]
         f = middle + node * wide * 0.7745966692414834
         weight = wide * (8.0 / 9.0 if node == 0 else 5.0 / 9.0)
         stretch, rate = _stretch(io, x1, v1, f)
+        force = p[1] * stretch + p[2] * rate
         if x > half:
-            force = p[1] * half - p[3] * rate
+            force += min(0.0, -p[1] * (stretch - half) - p[3] * rate)
         elif x < -half:
-            force = -p[1] * half - p[3] * rate
-        else:
-            force = p[1] * stretch + p[2] * rate
+            force += max(0.0, -p[1] * (stretch + half) - p[3] * rate)
         total += weight * force
         moment += weight * (2.0 * f - 1.0) * force
     return total, moment
 
 
 def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: gap, stiffness and damping of the coupling, damping in contact beyond that.
+    """p: gap, stiffness and damping of the coupling, damping in contact.
 
-    The plant holds the coupling as spring and damper; this force takes away what the gap takes:
-    all of it within the gap, stiffness * gap/2 beyond it. The moments at which the stretch passes a
+    The plant holds the coupling as spring and damper; this force takes both away and puts a contact
+    in their place that pushes beyond the gap and never pulls. The moments at which the stretch passes a
     wall of the gap are located within the step.
     """
     half = 0.5 * p[0]
@@ -177,15 +176,16 @@ class Backlash(Effect):
         if kind == "load":
             _, frequency, damping = (setting.options.get(k, v) for k, v in LOAD.items())
             square, rate = (2 * np.pi * frequency) ** 2, 4 * np.pi * damping * frequency
-            return [values["gap"], square / mobility, rate / mobility, 0.0]
+            return [values["gap"], square / mobility, rate / mobility, rate / mobility]
         self.require(
             len(setting.mechanics.modes) > 1,
             'kind = "coupling" needs a plant with a mode; take kind = "play" or "load"',
         )
         mode = setting.mechanics.modes[1]
-        contact = 2.0 * setting.options.get("damping", 0.0) * np.sqrt(abs(mode.stiffness))
-        more = contact - mode.damping if contact > 0 else 0.0
-        return [values["gap"], mode.stiffness / mobility, mode.damping / mobility, more / mobility]
+        ratio = setting.options.get("damping")
+        contact = mode.damping if ratio is None else 2.0 * ratio * np.sqrt(abs(mode.stiffness))
+        numbers = np.array([mode.stiffness, mode.damping, contact]) / mobility
+        return [values["gap"], *numbers.tolist()]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]
