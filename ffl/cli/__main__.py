@@ -1,0 +1,3 @@
+from ffl.cli import main
+
+main()

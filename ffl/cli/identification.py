@@ -1,0 +1,100 @@
+"""Verbs that work from recordings and papers: identify, diagnose, reproduce."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ffl.cli.app import Json, Map, Out, Quiet, app, print_json
+from ffl.errors import InputError
+
+
+@app.command()
+def identify(
+    method: Annotated[
+        str,
+        typer.Argument(help="linear, least_squares, kernel, rational, bayes or instrumental."),
+    ],
+    data: Annotated[list[Path], typer.Option(help="Recording; may be given more than once.")],
+    map: Map = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Plant file whose controller closed the loop.")
+    ] = None,
+    basis: Annotated[Path | None, typer.Option(help="TOML with `basis`, for instrumental.")] = None,
+    n_ac: Annotated[int, typer.Option(help="Taps that look ahead.")] = 50,
+    n_c: Annotated[int, typer.Option(help="Taps that look back.")] = 50,
+    order: Annotated[
+        list[int] | None, typer.Option(help="Order to try, may be repeated; for linear.")
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Identify an inverse system, or a forward linear model as a plant file, from recordings."""
+    from ffl.report.identify import identify_with_report
+    from ffl.report.terminal import print_table
+
+    orders = order or range(1, 9)
+    answer = identify_with_report(method, data, map, model, basis, n_ac, n_c, list(orders), out)
+    if json:
+        print_json(answer)
+        return
+    for name, value in answer.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            print(f"\n{name}")
+            print_table(list(value[0]), [[row.get(k) for k in value[0]] for row in value])
+        elif not isinstance(value, (list, dict)):
+            print(f"{name}: {value:.6g}" if isinstance(value, float) else f"{name}: {value}")
+
+
+@app.command()
+def diagnose(
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings to learn from.")],
+    model: Annotated[Path, typer.Option(help="Plant file of the model.")],
+    validate: Annotated[
+        list[Path] | None, typer.Option(help="Recording that only judges; may be repeated.")
+    ] = None,
+    map: Map = None,
+    out: Out = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Locate, name, model and prove what the model leaves out of the recordings."""
+    from ffl.campaign.reference import find_recording
+    from ffl.report.diagnosis import diagnose_with_report, print_answer
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a folder for --out")
+    here = Path()
+    found = [find_recording(str(path), here) for path in recordings]
+    judging = [find_recording(str(path), here) for path in validate or ()]
+    quiet = quiet or not sys.stderr.isatty()
+    answer = diagnose_with_report(model, found, judging, map, out, quiet)
+    if json:
+        print_json(answer)
+    else:
+        print_answer(answer)
+
+
+@app.command()
+def reproduce(
+    paper: Annotated[str, typer.Argument(help="printer2018, kernel2018 or bayes2025.")],
+    fast: Annotated[bool, typer.Option("--fast", help="Fewer realisations; says so.")] = False,
+    out: Out = None,
+    jobs: Annotated[int, typer.Option(help="Worker processes; the numbers stay the same.")] = 1,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Reproduce a paper's tables and figures beside the paper's own."""
+    from ffl.report.reproduce import reproduce_paper
+
+    answer = reproduce_paper(paper, fast, out, jobs, quiet)
+    if json:
+        print_json(answer)
+        return
+    from ffl.report.terminal import print_table
+
+    columns = ("key", "what", "paper", "ours", "unit", "std_error", "n")
+    print_table(columns, [[row.get(name) for name in columns] for row in answer["rows"]])
