@@ -19,6 +19,7 @@ from ffl.bases.base import Basis
 from ffl.errors import InputError
 from ffl.identify.estimator import Estimator, checked
 from ffl.identify.inverse import Band, InverseBasis, magnitude_band
+from ffl.identify.regression import upper_triangle
 from ffl.systems import Plant, StateSpace
 
 Array = NDArray[np.float64]
@@ -161,4 +162,4 @@ def _long_run_root(moments: Array) -> Array:
     tail = np.repeat(sums[-1:], window - 1, axis=0)
     sums = np.vstack([sums, tail])
     blocks = (sums[window:] - sums[:-window]) / np.sqrt(window)
-    return np.linalg.qr(blocks, mode="r").T
+    return upper_triangle(blocks).T

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ffl.errors import InputError
 from ffl.identify.inverse import IdentifiedInverse
 from ffl.identify.kernels import Factor, Kernel
-from ffl.identify.regression import Regression, Rows
+from ffl.identify.regression import Regression, Rows, upper_triangle
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def regularised(rows: Rows, factor: Factor, noise_variance: float) -> Solution:
     stacked[:m, :p], stacked[:m, p] = regressors, rows.target
     penalised = np.flatnonzero(~factor.flat)
     stacked[m + penalised, penalised] = np.sqrt(noise_variance)
-    r = np.linalg.qr(stacked, mode="r")
+    r = upper_triangle(stacked)
     triangle = r[:p, :p]
     diagonal = np.abs(np.diag(triangle))
     if p and diagonal.min() <= 1e-13 * diagonal.max() and factor.flat.any():
@@ -184,7 +184,7 @@ class Evidence:
             root = weight * np.sqrt(self.hyperprior[: len(moving)][moving])
             stacked[m + p + np.arange(h), p + np.arange(h)] = root
             columns = np.hstack([columns, tangents[:, moving]])
-            triangle = np.linalg.qr(stacked, mode="r")
+            triangle = upper_triangle(stacked)
         return IdentifiedInverse(
             s.theta,
             regression.n_ac,

@@ -33,6 +33,8 @@ class Backward(Estimator, ABC):
     n_c: int
     edges: Edges
     noise: NoiseModel | int | str
+    inverse_: IdentifiedInverse
+    noise_variance_: float
 
     def fit(self, data: Any, target: ArrayLike | None = None, lead: int | None = None) -> Self:
         """Learns from a recording (y -> u) or from arrays output, target (y -> r).
@@ -147,12 +149,13 @@ class KernelInverse(Backward):
         if kernel is None:
             gain = power / float(np.mean(rows.output**2))
             kernel = TC(gain) + Direct(max(-3, -self.n_ac), 0, gain)
-        data, learn_noise = reduced(rows, kernel), self.noise_variance is None
+        data, variance = reduced(rows, kernel), self.noise_variance
+        learn_noise = variance is None
         found = maximise_evidence(
             data,
             rows.lags,
             kernel if self.learn else Fixed(kernel),
-            unexplained(data, kernel, rows.lags) if learn_noise else self.noise_variance,
+            unexplained(data, kernel, rows.lags) if variance is None else variance,
             learn_noise,
         )
         self.evidence_ = found

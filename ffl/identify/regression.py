@@ -52,9 +52,17 @@ class Edges:
 class Rows(Protocol):
     """Rows of a regression, whole or reduced: what estimation needs of the data."""
 
-    target: Array
-    n_rows: int
-    rest: float
+    @property
+    def target(self) -> Array:
+        """Right-hand side, one value a row."""
+
+    @property
+    def n_rows(self) -> int:
+        """Rows of the record, also those that a reduction has folded into `rest`."""
+
+    @property
+    def rest(self) -> float:
+        """Squares of the target that no parameter can explain and that `target` no longer holds."""
 
     def apply(self, columns: Array) -> Array:
         """Phi columns."""
@@ -108,9 +116,9 @@ class Regression:
         return self.n_ac + self.n_c + 1
 
     @property
-    def lags(self) -> NDArray[np.int64]:
+    def lags(self) -> Array:
         """k = -n_ac .. n_c."""
-        return np.arange(-self.n_ac, self.n_c + 1)
+        return np.arange(-self.n_ac, self.n_c + 1, dtype=float)
 
     @property
     def says(self) -> str:
@@ -160,12 +168,17 @@ class Regression:
         for start in range(0, self.n_rows, BLOCK_ROWS):
             stop = min(start + BLOCK_ROWS, self.n_rows)
             block = np.column_stack([self.matrix(start, stop), self.target[start:stop]])
-            stack = np.linalg.qr(np.vstack([stack, block]), mode="r")
+            stack = upper_triangle(np.vstack([stack, block]))
         n = min(self.n_rows, self.n_taps)
         corner = stack[n, -1] if len(stack) > n else 0.0
         return Triangle(
             np.ascontiguousarray(stack[:n, :-1]), stack[:n, -1], float(corner**2), self.n_rows
         )
+
+
+def upper_triangle(matrix: Array) -> Array:
+    """R of a QR, Q never formed."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
 def backward_regression(

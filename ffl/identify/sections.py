@@ -7,13 +7,12 @@ orthonormal however close the poles lie, real for complex pairs, smooth where a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ffl.errors import InputError
 
@@ -40,7 +39,7 @@ class RealPole:
         return ((-7.2, 7.2),)
 
     @property
-    def poles(self) -> Array:
+    def poles(self) -> NDArray[np.complex128]:
         return np.array([np.tanh(self.value)], complex)
 
     def lattice(self) -> tuple[Array, Array]:
@@ -75,7 +74,7 @@ class PolePair:
         return ((-13.8, 0.7), (-18.4, 2.2))
 
     @property
-    def poles(self) -> Array:
+    def poles(self) -> NDArray[np.complex128]:
         d, w = np.exp(self.log_damping), np.exp(self.log_stiffness)
         root = np.sqrt(complex(d * d - w))
         return np.exp(np.array([-d + root, -d - root]))
@@ -125,7 +124,7 @@ def _pair_slope(k1: float, k2: float, c1: float, c2: float, dk1: float, dk2: flo
     )
 
 
-def sections_of(poles: Sequence[complex]) -> tuple[Section, ...]:
+def sections_of(poles: ArrayLike) -> tuple[Section, ...]:
     """Sections for `poles` inside the disc; both members of a complex pair are given."""
     chain: list[Section] = []
     for pole in np.atleast_1d(np.asarray(poles, complex)):

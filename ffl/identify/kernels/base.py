@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,7 +187,7 @@ class Decaying(Kernel):
         return starts
 
     def at(self, coordinates: Array) -> Self:
-        moved = {
+        moved: dict[str, Any] = {
             name: _from_coordinate(name, float(value))
             for name, value in zip(self.names, coordinates, strict=True)
         }

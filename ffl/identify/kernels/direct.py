@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffl.errors import InputError
 from ffl.identify.kernels.base import SCALE_BOUNDS, Array, Factor, Kernel, Slope
@@ -47,7 +48,7 @@ class Direct(Kernel):
             return self
         return replace(self, scale=float(np.exp(coordinates[0])))
 
-    def _inside(self, lags: Array) -> Array:
+    def _inside(self, lags: Array) -> NDArray[np.intp]:
         return np.flatnonzero((np.asarray(lags) >= self.first) & (np.asarray(lags) <= self.last))
 
     def matrix(self, lags: Array) -> Array:

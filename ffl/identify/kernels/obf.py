@@ -72,7 +72,7 @@ class OBF(Kernel):
     def outside(self) -> NDArray[np.complex128]:
         """Poles outside the unit circle."""
         inner = np.concatenate([s.poles for s in self.anticausal] or [np.zeros(0, complex)])
-        return 1.0 / inner.conj()
+        return np.asarray(1.0 / inner.conj(), complex)
 
     @property
     def names(self) -> tuple[str, ...]:
