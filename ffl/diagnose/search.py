@@ -20,6 +20,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen
 from ffl.diagnose.starts import with_starts
 from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PER_NUMBER = (
@@ -29,6 +30,7 @@ SHORTLIST = 7
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 PASSES = 5  # most changes of noise while one hypothesis is fitted
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
+LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
@@ -169,20 +171,57 @@ def contest(
         screened = Screen(quiet, base.fit).candidates()
         rivals = []
         for c in shortlist([c for c in screened if c.spec.name not in base.model.names]):
-            rival = judge(quiet, held, base.model.with_effect(c.spec))
+            rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec))
             say(
                 f"  {rival.name}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
             )
             rivals.append(rival)
         rivals.sort(key=lambda j: -j.score)
-        accepted = None
-        if rivals and rivals[0].score - base.score > threshold:
-            accepted = rivals[0]
+        worthy = [r for r in rivals if _earns(r, base, threshold)]
+        accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None:
             return base, steps, held
         standing = accepted
+
+
+LADDERS = {  # where the cost is not convex: the parameter, and factors on what the screen proposes
+    "backlash": ("gap", np.geomspace(0.02, 50.0, 16)),
+    "presliding_friction": ("stiffness", np.geomspace(0.05, 20.0, 7)),
+    "hysteresis": ("displacement", np.geomspace(0.2, 5.0, 5)),
+    "saturation": ("limit", np.linspace(0.7, 1.25, 8)),
+    "dead_zone": ("half_width", np.geomspace(0.3, 3.0, 6)),
+    "flexible_mode": ("mass_fraction", np.geomspace(0.2, 5.0, 5)),
+}
+
+
+def with_best_start(scene: Scene, model: Model, spec: EffectSpec) -> Model:
+    """`model` with the effect, its decisive parameter at the best rung of a ladder of simulations."""
+    rungs = [model.with_effect(spec)]
+    if spec.name in LADDERS:
+        name, factors = LADDERS[spec.name]
+        effect = EFFECTS[spec.name].parameter(name)
+        for factor in factors:
+            value = float(np.clip(spec.parameters[name] * factor, effect.lower, effect.upper))
+            rungs.append(
+                model.with_effect(replace(spec, parameters={**spec.parameters, name: value}))
+            )
+    if len(rungs) == 1:
+        return rungs[0]
+    costs = []
+    for rung in rungs:
+        residuals = scene.residuals(rung)
+        white = None if residuals is None else scene.whiten(residuals)
+        costs.append(np.inf if white is None else float(white @ white))
+    return rungs[int(np.argmin(costs))]
+
+
+def _earns(rival: Judged, base: Judged, threshold: float) -> bool:
+    """Enough together, and in the fitted and the held-out recordings alike."""
+    fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
+    held = rival.held_out - base.held_out
+    return rival.score - base.score > threshold and fitted > LEAST and held > -LEAST / 2
 
 
 def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
