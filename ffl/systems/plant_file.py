@@ -6,6 +6,7 @@ import difflib
 import os
 import sys
 import tomllib
+import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -137,50 +138,53 @@ def suggest(name: str, known: list[str]) -> str:
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 
-def _fields_at(model: Any, location: tuple[Any, ...]) -> list[str]:
-    """Field names of the (nested) form in which an unknown key was found."""
-    import typing
+def _forms_in(annotation: Any) -> list[Any]:
+    """Every form that an annotation may hold, inside lists and unions too."""
+    found: list[Any] = []
+    queue = [annotation]
+    while queue:
+        item = queue.pop()
+        if hasattr(item, "model_fields"):
+            found.append(item)
+        queue += list(typing.get_args(item))
+    return found
 
-    candidates = [model]
+
+def _place(form: Any, location: tuple[Any, ...]) -> tuple[str, list[str]]:
+    """A finding's path as the file spells it, and the keys known at its last table.
+
+    pydantic's location also names the members of unions; those are dropped from the path, and
+    choose among the members whose literal they are.
+    """
+    path, candidates, known = "", [form], sorted(form.model_fields)
     for step in location:
-        following: list[Any] = []
-        for candidate in candidates:
-            if isinstance(step, int) or not hasattr(candidate, "model_fields"):
-                following.append(candidate)
-            elif step in candidate.model_fields:
-                queue = [candidate.model_fields[step].annotation]
-                while queue:
-                    item = queue.pop()
-                    if hasattr(item, "model_fields"):
-                        following.append(item)
-                    queue += [arg for arg in typing.get_args(item)]
-            else:  # a union member's tag
-                following.append(candidate)
-        candidates = following
-    names: set[str] = set()
-    for candidate in candidates:
-        names |= set(getattr(candidate, "model_fields", {}))
-    return sorted(names)
+        if isinstance(step, int):
+            path += f"[{step}]"
+            continue
+        tagged = [c for c in candidates if _is_tag(c, step)] if len(candidates) > 1 else []
+        holders = [c for c in candidates if step in c.model_fields]
+        if tagged or (not holders and step != location[-1]):
+            candidates = tagged or candidates
+            continue
+        known = sorted({name for c in (holders or candidates) for name in c.model_fields})
+        path += f".{step}" if path else str(step)
+        candidates = [f for c in holders for f in _forms_in(c.model_fields[step].annotation)]
+    return path, known
+
+
+def _is_tag(form: Any, tag: str) -> bool:
+    literals = (typing.get_args(field.annotation) for field in form.model_fields.values())
+    return form.__name__ == tag or any(tag in values for values in literals)
 
 
 def explain(error: ValidationError, form: Any, file: str) -> InputError:
     """The first finding of pydantic as one line: file, key, what is wrong, how to mend."""
-    findings = sorted(error.errors(), key=lambda f: f["type"] != "extra_forbidden")
-    finding = findings[0]
-    location = tuple(
-        step
-        for step in finding["loc"]
-        if not (isinstance(step, str) and (step.endswith("Form") or "[" in step or "(" in step))
-    )
-    tags = {"zpk", "czpk", "ss"}
-    path = ""
-    for step in location:
-        if step in tags:
-            continue
-        path += f"[{step}]" if isinstance(step, int) else (f".{step}" if path else str(step))
+    finding = sorted(error.errors(), key=lambda f: f["type"] != "extra_forbidden")[0]
+    path, known = _place(form, tuple(finding["loc"]))
     if finding["type"] == "extra_forbidden":
-        known = [name for name in _fields_at(form, location[:-1]) if name != location[-1]]
-        return InputError(f"{file}: unknown key '{path}'; {suggest(str(location[-1]), known)}")
+        name = str(finding["loc"][-1])
+        others = [key for key in known if key != name]
+        return InputError(f"{file}: unknown key '{path}'; {suggest(name, others)}")
     if finding["type"] == "missing":
         return InputError(f"{file}: key '{path}' is missing; add it")
     given = finding.get("input")
