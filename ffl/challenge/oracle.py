@@ -1,18 +1,19 @@
 """Could anybody have told the effect from its rivals? A linearised oracle.
 
-For each rival that does not contain the truth as a special case, the traces that several members
-of the rival leave in the true machine span a space; what the true effect's trace, whitened by the
-true noise, has outside this space and that of the nominal parameters is twice the log-likelihood
-ratio that an oracle has in hand. The span is larger than the rival, so "separable" is safe to say
-and "inseparable" is not quite.
+For each rival that does not contain the truth as a special case, several members of the rival are
+put into the true machine. What the true effect's trace, whitened by the true noise, has outside the
+cone of the members' traces and the span of the nominal parameters is twice the log-likelihood ratio
+that an oracle has in hand. A cone and not a span: cubic springs about several centres span a linear
+spring, but no sum of them with positive stiffness is one.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.optimize
 
 from ffl.challenge.build import Build
-from ffl.challenge.detect import Lens
+from ffl.challenge.detect import OWN_PARAMETER, Lens
 from ffl.challenge.draw import Setup
 from ffl.challenge.linear import Noise
 from ffl.challenge.physics import EFFECTS
@@ -69,8 +70,13 @@ def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) ->
         return lens.whiten(noise, [a - b for a, b in zip(moved, base, strict=True)])
 
     truth = traces(with_all)
-    nominal = [lens.whiten(noise, t) for t in lens.tangents.values()]
-    nominal = [c / np.linalg.norm(c) for c in nominal]
+    own = OWN_PARAMETER.get(part.name)
+    nominal = [lens.whiten(noise, t) for key, t in lens.tangents.items() if key != own]
+    basis = np.linalg.qr(np.array([c / np.linalg.norm(c) for c in nominal]).T)[0]
+
+    def outside(x: np.ndarray) -> np.ndarray:
+        return x - basis @ (basis.T @ x)
+
     rng = np.random.default_rng(part.seed + 1)
     points = ["motor", "load"] if setup.family.startswith("two_mass") else ["motor"]
     found = {}
@@ -78,14 +84,16 @@ def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) ->
         only = EFFECTS[name].machines
         if only and setup.family not in only:
             continue
-        columns = list(nominal)
+        columns = []
         for k in range(MEMBERS):
             rival = Part(name, points[k % len(points)], int(rng.integers(2**31)), 0.6 + 0.2 * k)
             build, _ = assemble(setup, [*rest, rival], scales)
             column = traces(build)
             if column is not None and np.linalg.norm(column) > 0:
-                columns.append(column / np.linalg.norm(column))
-        u, s, _ = np.linalg.svd(np.array(columns).T, full_matrices=False)
-        basis = u[:, s > 1e-6 * s[0]]
-        found[name] = float(np.sum((truth - basis @ (basis.T @ truth)) ** 2))
+                columns.append(outside(column / np.linalg.norm(column)))
+        if not columns:
+            continue
+        # The distance to a cone, in the coordinates of a QR of the few columns beside the truth.
+        r = np.linalg.qr(np.array([*columns, outside(truth)]).T, mode="r")
+        found[name] = float(scipy.optimize.nnls(r[:, :-1], r[:, -1])[1] ** 2)
     return found
