@@ -18,9 +18,10 @@ from ffl.effects.hysteresis import Hysteresis
 from ffl.effects.input_delay import InputDelay
 from ffl.effects.linear_stiffness import LinearStiffness
 from ffl.effects.mass_change import MassChange
-from ffl.effects.mechanics import Mechanics, Point
+from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import mechanics_of
 from ffl.effects.periodic_disturbance import PeriodicDisturbance
+from ffl.effects.point import Point
 from ffl.effects.position_dependent_friction import PositionDependentFriction
 from ffl.effects.position_dependent_gain import PositionDependentGain
 from ffl.effects.presliding_friction import PreslidingFriction

@@ -181,11 +181,10 @@ class Backlash(Effect):
             len(setting.mechanics.modes) > 1,
             'kind = "coupling" needs a plant with a mode; take kind = "play" or "load"',
         )
-        mode = setting.mechanics.modes[1]
+        stiffness, damping = setting.mechanics.coupling(setting.mass_ratio)
         ratio = setting.options.get("damping")
-        contact = mode.damping if ratio is None else 2.0 * ratio * np.sqrt(abs(mode.stiffness))
-        numbers = np.array([mode.stiffness, mode.damping, contact]) / mobility
-        return [values["gap"], *numbers.tolist()]
+        contact = damping if ratio is None else 2.0 * ratio * np.sqrt(stiffness / mobility)
+        return [values["gap"], stiffness, damping, contact]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -33,7 +33,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ffl.effects.mechanics import Mechanics, Point
+from ffl.effects.mechanics import Mechanics
+from ffl.effects.point import Point
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -255,6 +256,11 @@ class Effect:
             parameter = self.parameter(name)
             values[name] = float(np.clip(value, parameter.lower, parameter.upper))
         return values
+
+    def nonlinear_of(self, values: Parameters) -> dict[str, Any]:
+        """The arguments of `regressors` that belong to these parameters: what the coefficients of
+        `from_coefficients` leave out."""
+        return {p.name: values[p.name] for p in self.parameters if not p.linear}
 
     # --- feedforward -----------------------------------------------------------------------------
 

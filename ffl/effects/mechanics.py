@@ -22,35 +22,17 @@ unit.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from ffl.effects.point import Point
+from ffl.effects.two_masses import TwoMasses, across, collocated
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, StateSpace
 
 SIDES = ("sensor", "motor", "load", "coupling")
-
-
-@dataclass(frozen=True)
-class Point:
-    """Force vector (state derivative per unit force) and rows that read position and velocity."""
-
-    force: Array
-    position: Array
-    velocity: Array
-
-    def minus(self, other: Point) -> Point:
-        """The spring from this point to the other: a pair of forces, and the stretch between."""
-        return Point(
-            self.force - other.force,
-            self.position - other.position,
-            self.velocity - other.velocity,
-        )
-
-    @property
-    def mobility(self) -> float:
-        """Acceleration per unit force at this point (1/mass felt at high frequency)."""
-        return float(self.velocity @ self.force)
 
 
 @dataclass(frozen=True)
@@ -65,7 +47,8 @@ class Mechanics:
     forces at points, which loads and centred springs bring. States that effects add come last;
     `hung` gives their start, at rest beside the plant, from the plant's own states. `sensor`
     replaces the sensor's point where an effect has moved it; `links` are the springs, by name, on
-    which effects have hung a mass (force pair and stretch between the two).
+    which effects have hung a mass (force pair and stretch between the two). `origin` is the plant
+    before any effect changed it, where its points are known; `push` and `pull` bring them here.
     """
 
     a: Array
@@ -83,6 +66,9 @@ class Mechanics:
     hung: Array = field(default_factory=lambda: np.zeros((0, 0)))
     sensor: Point | None = None
     links: tuple[tuple[str, Point], ...] = ()
+    origin: Mechanics | None = None
+    push: Array | None = None
+    pull: Array | None = None
 
     @property
     def order(self) -> int:
@@ -104,16 +90,40 @@ class Mechanics:
             return names[side]
         if side not in SIDES:
             raise InputError(f"side = '{side}' is unknown; take one of {', '.join(SIDES)}")
-        if side == "coupling":
-            motor, load = self._of_modes("motor", mass_ratio), self._of_modes("load", mass_ratio)
-            return motor.minus(load)
         if side == "sensor" and self.sensor is not None:
             return self.sensor
+        if self.origin is not None and self.push is not None and self.pull is not None:
+            return self.origin.point(side, mass_ratio).mapped(self.push, self.pull)
         if not self.modes:
             return Point(self.b * self.sign, self.c, np.zeros(self.order))
+        if (pair := self.two_masses(mass_ratio)) is not None:
+            at = {"motor": pair.motor, "load": pair.load, "sensor": pair.sensor}
+            return pair.motor.minus(pair.load) if side == "coupling" else at[side]
+        if side == "coupling":
+            return self._of_modes("motor", mass_ratio).minus(self._of_modes("load", mass_ratio))
         if side == "motor" and not self.rest.any():
             return self._motor(mass_ratio)
         return self._of_modes(side, mass_ratio)
+
+    def two_masses(self, mass_ratio: float | None = None) -> TwoMasses | None:
+        """The plant as two masses on a spring, where it is just that."""
+        if len(self.modes) != 2 or self.rest.any():
+            return None
+        if self.modes[1].sign > 0:
+            return self._collocated if mass_ratio is None else None
+        ratio = mass_ratio or self.modes[1].residue / self.modes[0].residue
+        return across(self.a, self.b * self.sign, self.c, ratio)
+
+    @cached_property
+    def _collocated(self) -> TwoMasses | None:
+        return collocated(self.a, self.b * self.sign, self.c)
+
+    def coupling(self, mass_ratio: float | None = None) -> tuple[float, float]:
+        """Stiffness and damping of the spring between motor and load (of the first mode)."""
+        if (pair := (self.origin or self).two_masses(mass_ratio)) is not None:
+            return pair.stiffness, pair.damping
+        mass = 1.0 / (self.origin or self).point("coupling", mass_ratio).mobility
+        return self.modes[1].stiffness * mass, self.modes[1].damping * mass
 
     def _of_modes(self, side: str, mass_ratio: float | None) -> Point:
         """A point whose force accelerates every mode by its shape there, and nothing else."""
@@ -137,10 +147,28 @@ class Mechanics:
             velocity += mode.motor_velocity * (mode.residue / abs(to_sensor))
         return Point(self.b * self.sign, position * self.sign, velocity * self.sign)
 
+    def _changed(self, push: Array, pull: Array, **changes: Any) -> Mechanics:
+        """With other states or inertia: forces go by `push` from here on, rows by `pull`."""
+        n = self.order
+        before = (np.eye(n), np.eye(n)) if self.push is None else (self.push, self.pull)
+        return replace(
+            self,
+            b=push @ self.b,
+            exact=None,
+            bias=tuple((p.mapped(push, pull), f) for p, f in self.bias),
+            links=tuple((name, p.mapped(push, pull)) for name, p in self.links),
+            sensor=self.sensor and self.sensor.mapped(push, pull),
+            origin=self.origin or self,
+            push=push @ before[0],
+            pull=before[1] @ pull,
+            **changes,
+        )
+
     def with_feedback(self, point: Point, position: float, velocity: float) -> Mechanics:
         """Adds the force position * x + velocity * v at `point` to the linear part."""
         row = position * point.position + velocity * point.velocity
-        return replace(self, a=self.a + np.outer(point.force, row), exact=None)
+        same = np.eye(self.order)
+        return self._changed(same, same, a=self.a + np.outer(point.force, row))
 
     def with_load(self, point: Point, force: float) -> Mechanics:
         """Adds a constant force at `point`."""
@@ -176,41 +204,16 @@ class Mechanics:
         a[n, n + 1] = 1.0
         a[n + 1, :n], a[n + 1, n:] = row / mass, [-stiffness / mass, -damping / mass]
 
-        def longer(vector: Array) -> Array:
-            return np.append(vector, [0.0, 0.0])
-
-        def moved(p: Point) -> Point:
-            return Point(longer(p.force), longer(p.position), longer(p.velocity))
-
+        push, pull = np.eye(n + 2)[:, :n], np.eye(n + 2)[:n]
         base = self.hung.shape[1] or n
         known = np.vstack([np.eye(base), self.hung]) if len(self.hung) else np.eye(base)
         hung = np.vstack([known[base:], point.position @ known, point.velocity @ known])
         hung_point = Point(*(np.eye(n + 2)[[n + 1, n, n + 1]] * np.array([[1 / mass], [1], [1]])))
-        sensor = None if self.sensor is None else moved(self.sensor)
-        links = tuple((name, moved(p)) for name, p in self.links)
-        return replace(
-            self,
-            a=a,
-            b=longer(self.b),
-            c=hung_point.position if sensed else longer(self.c),
-            rest=longer(self.rest),
-            modes=tuple(
-                replace(
-                    mode,
-                    force=longer(mode.force),
-                    position=longer(mode.position),
-                    velocity=longer(mode.velocity),
-                    motor_position=longer(mode.motor_position),
-                    motor_velocity=longer(mode.motor_velocity),
-                )
-                for mode in self.modes
-            ),
-            exact=None,
-            bias=tuple((moved(p), f) for p, f in self.bias),
-            hung=hung,
-            sensor=hung_point if sensed else sensor,
-            links=(*links, (link, moved(point).minus(hung_point))),
+        changed = self._changed(push, pull, a=a, c=self.c @ pull, hung=hung)
+        changed = replace(
+            changed, links=(*changed.links, (link, point.mapped(push, pull).minus(hung_point)))
         )
+        return replace(changed, c=hung_point.position, sensor=hung_point) if sensed else changed
 
     def with_mass(self, point: Point, mass: float) -> Mechanics:
         """Adds the force -mass * acceleration at `point` to the linear part."""
@@ -222,18 +225,10 @@ class Mechanics:
             )
         share = mass / (1.0 + mass * mobility)
 
-        def changed(vector: Array) -> Array:
-            return vector - point.force * (share * float(point.velocity @ vector))
-
+        same = np.eye(self.order)
+        push = same - np.outer(point.force, share * point.velocity)
         a = self.a - np.outer(point.force, share * (point.velocity @ self.a))
-        modes = tuple(replace(mode, force=changed(mode.force)) for mode in self.modes)
-        bias = tuple((replace(p, force=changed(p.force)), f) for p, f in self.bias)
-        links = tuple((name, replace(p, force=changed(p.force))) for name, p in self.links)
-        sensor = self.sensor and replace(self.sensor, force=changed(self.sensor.force))
-        return replace(
-            self, a=a, b=changed(self.b), modes=modes, exact=None, bias=bias, links=links,
-            sensor=sensor,
-        )  # fmt: skip
+        return self._changed(push, same, a=a)
 
 
 @dataclass(frozen=True)

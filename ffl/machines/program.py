@@ -11,7 +11,8 @@ import numpy as np
 from ffl.effects import Effect, Setting, effect_of
 from ffl.effects.base import Law
 from ffl.effects.law import address_of
-from ffl.effects.mechanics import Mechanics, Point
+from ffl.effects.mechanics import Mechanics
+from ffl.effects.point import Point
 from ffl.errors import InputError
 from ffl.machines.exponential import exponential
 from ffl.machines.kernel import PORTS
