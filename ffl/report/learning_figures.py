@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator, SymmetricalLogLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator, SymmetricalLogLocator
 
 from ffl.report.page import COLOURS, LINES, MARKERS
 from ffl.systems.state_space import Array
@@ -41,6 +41,7 @@ def over_time(
     for mark in marks:
         ax.axvline(mark, color="#1b1f24", linestyle=":", linewidth=1.0)
     ax.set_xlim(time[0], time[-1])
+    ax.ticklabel_format(axis="x", style="plain")
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
     return ax
@@ -73,7 +74,9 @@ def bode(
     magnitude_ax.set_ylabel(f"magnitude [{gain_unit}]")
     phase_ax.set_ylabel("phase [deg]")
     phase_ax.set_xlabel("frequency [Hz]")
-    phase_ax.yaxis.set_major_locator(MaxNLocator(steps=[1.8, 3.6, 9], nbins=7))
+    low, high = phase_ax.get_ylim()
+    step = next((s for s in (15, 30, 45, 90, 180, 360) if (high - low) / s <= 8), 720)
+    phase_ax.yaxis.set_major_locator(MultipleLocator(step))
     magnitude_ax.legend(ncols=2)
     return magnitude_ax, phase_ax
 

@@ -9,6 +9,7 @@ import numpy as np
 from ffl.report import learning_figures as draw
 from ffl.report.finished import FinishedRun, cumulative_power, motion_interval, pre_actuation
 from ffl.report.page import Page, drawing, subplots
+from ffl.systems import Plant
 from ffl.systems.state_space import Array
 
 PAPER = "the 2018 printer paper"
@@ -108,9 +109,14 @@ def _summary(page: Page, runs: Sequence[FinishedRun]) -> None:
         page.table(
             ["‖e_last‖ of … is below that of", *(run.label for run in runs)],
             rows,
-            "1 − ‖e_last‖ of the row / ‖e_last‖ of the column; negative: larger. The paper's real "
-            "printer gave 45 % for OBF below FIR (W_e = 50) and 23 % for repeated poles below once "
-            "(W_e = 1e5); a linear simulation leaves out what limits the real machine.",
+            "1 − ‖e_last‖ of the row / ‖e_last‖ of the column; negative: larger."
+            + (
+                " The paper's real printer gave 45 % for OBF below FIR (W_e = 50) and 23 % for "
+                "repeated poles below once (W_e = 1e5); a linear simulation leaves out what limits "
+                "the real machine."
+                if best.campaign.model.name == "flatbed_printer"
+                else ""
+            ),
         )
     for run in runs:
         if "message" in run.entry:
@@ -189,13 +195,12 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
     campaign = runs[0].campaign
     t = campaign.sample_time
     frequencies = np.geomspace(0.1 if t < 0.1 else 1e-3 / t, 0.4999 / t, 1200)
-    plants: list[tuple[str, Array]] = [
-        (f"P, model {campaign.model.name}", campaign.model.system.response(frequencies))
-    ]
+    servo = campaign.model.controller is not None and not campaign.model.controller.one_degree
+    what = "ideal 1/F" if servo else "P"
+    plants = [(f"{what}, model {campaign.model.name}", to_invert(campaign.model, frequencies))]
     if _text(runs[0], "machine") != _text(runs[0], "model"):
-        plants.append(
-            (f"P, machine {campaign.machine.name}", campaign.machine.system.response(frequencies))
-        )
+        machine = campaign.machine
+        plants.append((f"{what}, machine {machine.name}", to_invert(machine, frequencies)))
     inverses = []
     for index, run in enumerate(runs):
         response = run.response(frequencies)
@@ -213,7 +218,13 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
         page.figure(
             figure,
             "Plant P against the inverse of the learned feedforward, F⁻¹(θ)",
-            "Where a coloured line lies on the dark ones, the feedforward inverts the plant. "
+            (
+                "The servo treats reference and output differently, so the ideal feedforward is "
+                "1/P + C_y − C_r, and its inverse is drawn in the place of P. "
+                if servo
+                else ""
+            )
+            + "Where a coloured line lies on the dark ones, the feedforward inverts the plant. "
             "Shaded: the band that holds 99 % of the power of the reference's acceleration; "
             f"outside it ({band[0]:.2g} to {band[1]:.2g} Hz) nothing asks F to be right. Where a "
             "zero pair lies outside the unit circle the magnitude dips while the phase lags by a "
@@ -238,6 +249,17 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
             )
             + f"Left: the beginning. Counterpart of Figure 3 of {PAPER}.",
         )
+
+
+def to_invert(plant: Plant, frequencies: Array) -> Array:
+    """What the feedforward has to invert: P, or 1/(1/P + C_y - C_r) where the controller treats
+    reference and output differently."""
+    response = plant.system.response(frequencies)
+    if plant.controller is None or plant.controller.one_degree:
+        return response
+    difference = plant.controller.output.response(frequencies)
+    difference = difference - plant.controller.reference.response(frequencies)
+    return response / (1.0 + response * difference)
 
 
 def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
