@@ -41,6 +41,8 @@ class Backward(Estimator, ABC):
 
         `lead`: how many output samples come before the first target sample (None: equal lengths).
         Learns `inverse_`, `noise_variance_`, `noise_model_`, `regression_` and `edges_` (in words).
+        The regressor is taken as free of noise, as in section 2.2: noise on y wants `TwoStageInverse`
+        (known input), a closed loop `InstrumentalInverse`.
         """
         output, values, sample_time = signals(data, target)
         regression = backward_regression(output, values, self.n_ac, self.n_c, self.edges, lead)
