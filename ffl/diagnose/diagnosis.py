@@ -50,7 +50,8 @@ def diagnose(
     if not recordings:
         raise InputError("diagnose: no recording given; give at least one")
     _require_stable(model)
-    everything = [*recordings, *validation]
+    everything, notes = sound.injected_as_sent(model, [*recordings, *validation])
+    recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
     if health.faults:
         return _faulty(model, health)
@@ -61,7 +62,6 @@ def diagnose(
     base = Base.of(model)
     prior, floor = _prior(model, base, recordings)
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
-    notes: list[str] = []
     if validation:
         judging = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
     else:

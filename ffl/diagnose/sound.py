@@ -8,7 +8,7 @@ is how they are told apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,31 @@ def soundness(plant: Plant, recordings: Sequence[Recording]) -> Soundness:
         if fault is not None:
             faults.append(fault)
     return Soundness(tuple(ratios), tuple(faults))
+
+
+def injected_as_sent(
+    plant: Plant, recordings: Sequence[Recording]
+) -> tuple[list[Recording], list[str]]:
+    """Recordings whose f is rescaled where u shows that it acted by up to a quarter more or less.
+
+    u - C_r r + C_y y is f as it really was injected; pulses noted as 5 V that act as 5.07 V leave 3 %
+    of u's RMS in the controller's equation, which is an inexact note and not another controller.
+    """
+    kept, notes = [], []
+    for recording in recordings:
+        kept.append(recording)
+        if plant.controller is None or "u" in recording.missing or not np.any(recording.f):
+            continue
+        eq = _Equation(plant, recording)
+        if not np.any(eq.f):
+            continue
+        fed_back = eq.u - eq.by_r + eq.by_y
+        stated, _, _ = eq.left(fed_back - eq.f)
+        left, (k,), _ = eq.left(fed_back, [eq.f])
+        if stated > 0.002 and left < 0.4 * stated and 0.8 < k < 1.25:
+            kept[-1] = replace(recording, f=k * recording.f)
+            notes.append(f"{recording.source}: f acted {k:.4g} times as noted; taken as it acted")
+    return kept, notes
 
 
 def _dead(recording: Recording) -> Fault | None:
