@@ -8,6 +8,7 @@ from ffl.identify.bayes.algorithm_1 import algorithm_1, map_estimate
 from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.diagnostics import effective_sample_size, split_rhat
 from ffl.identify.bayes.importance import importance_sample, mixture_log_density
+from ffl.identify.bayes.lack_of_fit import lack_of_fit
 from ffl.identify.bayes.laplace import laplace_per_node, posterior_mode
 from ffl.identify.bayes.maximum_likelihood import gauss_newton, maximum_likelihood, starts
 from ffl.identify.bayes.metropolis import metropolis
@@ -180,3 +181,29 @@ def test_chains_that_disagree_are_called_unconverged(monkeypatch, record):
     monkeypatch.setattr(posterior_module.Chains, "rhat", property(lambda self: np.array([1.5])))
     found = direct_posterior(record, 4, 2, np.random.default_rng(5), least_ess=np.inf, n_draws=500)
     assert found.status == "unconverged"
+    assert "chains disagree" in found.remarks[0]
+
+
+def test_too_few_taps_are_said_and_enough_taps_are_not():
+    data = paper_data(13, n_samples=2000, snr_db=20.0)
+    record = reduce_record(data.u[:2000], data.y, 60)
+    enough = direct_posterior(record, 4, 2, np.random.default_rng(0))
+    assert enough.remarks == ()
+    assert enough.noise_ratio == pytest.approx(1.0, abs=0.08)
+    few = direct_posterior(record, 2, 1, np.random.default_rng(0))
+    assert "take more taps" in few.remarks[0]
+    assert few.noise_ratio > 1.1
+
+
+def test_lack_of_fit_has_its_level_and_is_silent_on_short_records():
+    rng = np.random.default_rng(14)
+    u = rng.standard_normal(400)
+    rejected = 0
+    for _ in range(300):
+        record = reduce_record(u, rng.standard_normal(400), 20)
+        nested = np.linalg.lstsq(record.factor[:, :5], record.target, rcond=None)[0]
+        _, p = lack_of_fit(record, record.misfit(np.pad(nested, (0, 15))), 5)
+        rejected += p < 0.05
+    assert 5 < rejected < 28  # 15 expected
+    short = reduce_record(u[:60], u[:60] + rng.standard_normal(60), 60)
+    assert np.isnan(lack_of_fit(short, 1.0, 6)).all()

@@ -6,12 +6,13 @@ loop to converge, no single hyperparameter to be wrong about, and an error of th
 reported. Where the effective sample size is low, Metropolis-Hastings chains on the same density.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ffl.identify.bayes.circle import circle_response, inside_count
 from ffl.identify.bayes.importance import WeightedDraws, importance_sample
+from ffl.identify.bayes.lack_of_fit import lack_of_fit, remark
 from ffl.identify.bayes.laplace import Laplace, laplace_per_node, posterior_mode
 from ffl.identify.bayes.maximum_likelihood import (
     MaximumLikelihood,
@@ -46,7 +47,8 @@ class Posterior:
     poor), "unconverged" (the chains disagree too, split R-hat above 1.1: do not use the answer without
     asking why; too few taps is the usual reason), "mode" (more than 12 taps: not sampled).
     `effective_sample_size` belongs to what `status` names (the least over the taps for chains, nan for
-    the mode); `importance_ess` is that of the weighted draws in any case.
+    the mode); `importance_ess` is that of the weighted draws in any case. `noise_ratio`, `lack_of_fit`:
+    see `lack_of_fit`; `remarks` says it in words.
     """
 
     n_ac: int
@@ -61,6 +63,18 @@ class Posterior:
     importance_ess: float
     log_evidence: float
     chains: Chains | None
+    noise_ratio: float = float("nan")
+    lack_of_fit: float = float("nan")
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What must be said with the answer, in sentences; empty where nothing speaks against it."""
+        found = [remark(self.noise_ratio, self.lack_of_fit, len(self.theta))]
+        if self.status == "unconverged":
+            found.append(
+                f"the chains disagree (split R-hat {self.chains.rhat.max():.2f}): no answer yet"
+            )
+        return tuple(sentence for sentence in found if sentence)
 
 
 def direct_posterior(
@@ -79,8 +93,27 @@ def direct_posterior(
     Cost: O(N length^2) once (in `reduce_record`), then about n_draws (length^2 + nodes n^2) whatever N.
     """
     if n_ac + n_c > SAMPLING_LIMIT:
-        return _mode_only(record, n_ac, n_c, n_decays, peak_reach)
-    start = likelihood or maximum_likelihood(record, n_ac, n_c)
+        found = _mode_only(record, n_ac, n_c, n_decays, peak_reach)
+    else:
+        start = likelihood or maximum_likelihood(record, n_ac, n_c)
+        found = _sampled(record, start, n_ac, rng, n_draws, n_decays, peak_reach, least_ess)
+    misfit = record.misfit(circle_response(found.mode, n_ac, record.length))
+    ratio, p = lack_of_fit(record, misfit, n_ac + n_c)
+    return replace(found, noise_ratio=ratio, lack_of_fit=p)
+
+
+def _sampled(
+    record: Record,
+    start: MaximumLikelihood,
+    n_ac: int,
+    rng: np.random.Generator,
+    n_draws: int,
+    n_decays: int,
+    peak_reach: int,
+    least_ess: float,
+) -> Posterior:
+    """Importance sampling around the mode, chains where its weights are poor."""
+    n_c = len(start.theta) - n_ac
     prior = grid_prior(n_ac, n_c, peaks_around(start.theta, n_ac, peak_reach), n_decays)
     mode = posterior_mode(record, prior, start.theta, n_ac)
     laplace = laplace_per_node(record, prior, mode, n_ac)

@@ -1,0 +1,35 @@
+"""Do the taps suffice? The noise that the FIR inverse leaves, beside that of a free forward model.
+
+A forward system whose inverse is long (slow zeros, inside or outside) is not 1/theta with few taps.
+What is left over then looks like noise, and the taps bend to make it small where y is large.
+On the 2018 loop (zeros at 0.985 and 1.02) eight taps left 38 times the noise and a fit of -2474.
+"""
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from ffl.identify.bayes.records import Record
+
+
+def lack_of_fit(record: Record, misfit: float, n_taps: int) -> tuple[float, float]:
+    """Ratio of noise variances (taps over free forward FIR model), and the p-value of its F test.
+
+    nan, nan where the record has fewer than two samples per forward coefficient: nothing to compare.
+    """
+    free = record.n_samples - record.length
+    if free < record.length or record.floor <= 0:
+        return float("nan"), float("nan")
+    ratio = (misfit / (record.n_samples - n_taps)) / (record.floor / free)
+    extra = (misfit - record.floor) / (record.length - n_taps)
+    p = fisher.sf(max(extra, 0.0) / (record.floor / free), record.length - n_taps, free)
+    return float(ratio), float(p)
+
+
+def remark(ratio: float, p: float, n_taps: int) -> str | None:
+    """One sentence where the taps leave clearly more than noise: significant, and above a tenth."""
+    if np.isnan(p) or p > 1e-3 or ratio < 1.1:
+        return None
+    return (
+        f"{n_taps} taps leave {ratio:.3g} times the noise of a free forward model (p = {p:.1g}): take "
+        "more taps, or a rational basis where the system has slow zeros"
+    )
