@@ -30,6 +30,7 @@ class AsymmetricFriction(Effect):
     siblings = ("coulomb_friction", "constant_load", "position_dependent_friction")
     law = staticmethod(_law)
     remembers = True
+    switches = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

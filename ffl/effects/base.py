@@ -124,7 +124,8 @@ class Effect:
     Fourier transform over x or t than value by value); `fixed_amount` (the coefficient of its
     regressor is 1 by nature; a fitted one far from 1 speaks against the effect); `remembers` (its
     force law has a state, and so is called once more, with COMMIT, when the sub-step is solved);
-    `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have).
+    `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have);
+    `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any).
     """
 
     name: ClassVar[str]
@@ -141,6 +142,7 @@ class Effect:
     fixed_amount: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
     needs_mass: ClassVar[bool] = True
+    switches: ClassVar[bool] = False
 
     # --- reading ---------------------------------------------------------------------------------
 

@@ -37,6 +37,7 @@ class CoulombFriction(Effect):
     )
     law = staticmethod(_law)
     remembers = True
+    switches = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

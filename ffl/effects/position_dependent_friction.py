@@ -62,6 +62,7 @@ class PositionDependentFriction(Effect):
     siblings = ("coulomb_friction", "asymmetric_friction", "cogging")
     law = staticmethod(_law)
     remembers = True
+    switches = True
 
     def check(self, spec):  # type: ignore[no-untyped-def]
         values = super().check(spec)
@@ -120,6 +121,12 @@ class PositionDependentFriction(Effect):
         plus, minus = levels[: len(grid)].tolist(), levels[len(grid) :].tolist()
         table = {"grid": grid.tolist(), "positive": plus, "negative": minus}
         return {"table": table, "level": float(levels.mean())}
+
+    def nonlinear_of(self, values: Parameters) -> dict[str, float]:
+        """Knots as close as the closest of the table, which diagnosis spreads evenly."""
+        grid = np.asarray(values["table"]["grid"], float)
+        knots = 1 + np.ceil((grid[-1] - grid[0]) / np.diff(grid).min() - 1e-6)
+        return {"knots": float(knots), "low": float(grid[0]), "high": float(grid[-1])}
 
     def says(self, values: Parameters, plant: Plant) -> str:
         table = values["table"]

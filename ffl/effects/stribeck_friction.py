@@ -60,6 +60,7 @@ class StribeckFriction(Effect):
     siblings = ("coulomb_friction", "presliding_friction", "viscous_friction")
     law = staticmethod(_law)
     remembers = True
+    switches = True
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -20,6 +20,7 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 STEP_ANGLE = 0.3  # a sub-step is short enough for the stiffest effect to turn by less (rad)
+MODE_ANGLE = 0.4  # the same for the first mode, where dry friction excites it
 MOST_SUBSTEPS = 64
 
 Side = tuple[str, float | None]
@@ -95,7 +96,7 @@ class Compiler:
         return Setting(self._force_per_input, mechanics, spec.options)
 
     def _substeps(self, actors: Sequence[_Actor], points: Sequence[Point]) -> int:
-        """Sub-steps of a sample in which the stiffest force turns by at most STEP_ANGLE."""
+        """Sub-steps of a sample, short enough for the stiffest force and for friction on a mode."""
         stiffest = 0.0
         for actor in actors:
             if actor.port != "force":
@@ -108,8 +109,12 @@ class Compiler:
                     "side, or an effect on the command or the sensor"
                 )
             stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * max(mobility, 0.0))
-        angle = np.sqrt(stiffest) * self._plant.sample_time
-        return int(np.clip(np.ceil(angle / STEP_ANGLE), 1, MOST_SUBSTEPS))
+        angle = np.sqrt(stiffest) / STEP_ANGLE
+        modes = self._mechanics.modes
+        if len(modes) > 1 and any(actor.effect.switches for actor in actors):
+            angle = max(angle, np.sqrt(abs(modes[1].stiffness)) / MODE_ANGLE)
+        steps = np.ceil(angle * self._plant.sample_time)
+        return int(np.clip(steps, 1, MOST_SUBSTEPS))
 
 
 class Points:

@@ -184,3 +184,33 @@ def test_mode_starts_at_rest_beside_a_machine_at_rest():
 def test_mass_cannot_vanish():
     with pytest.raises(InputError, match="no positive mass"):
         Simulator(two_mass_plant()).run([EffectSpec("mass_change", {"change": -0.9})], reference())
+
+
+@pytest.mark.parametrize("measured", ["motor", "load"])
+@pytest.mark.parametrize("guide", [0.0, 4.0, 40.0])
+def test_two_masses_on_a_rubbing_guide_are_read_off_exactly(measured, guide):
+    """A guide that rubs on the motor makes the damping non-classical; the points stay exact."""
+    plant = two_mass_plant(measured, guide=guide)
+    ratio = None if measured == "motor" else LOAD / MOTOR
+    mechanics = mechanics_of(plant.system)
+    pair = mechanics.two_masses(ratio)
+    assert pair.stiffness == pytest.approx(SPRING, rel=1e-6)
+    assert pair.damping == pytest.approx(DAMPER, rel=1e-4)
+    assert 1 / pair.motor.mobility == pytest.approx(MOTOR, rel=1e-6)
+    assert 1 / pair.load.mobility == pytest.approx(LOAD, rel=1e-6)
+    for side in ("motor", "load"):
+        keys = {"side": side} if ratio is None else {"side": side, "mass_ratio": ratio}
+        spec = EffectSpec("linear_stiffness", {"stiffness": 300.0, "centre": 0.0}, keys)
+        ours = Simulator(plant, open_loop=True).run([spec], None, COMMAND).y
+        grounded = {side: 300.0}
+        truth = two_mass_plant(measured, guide=guide, ground=grounded).system.filter(COMMAND)
+        assert worst(ours, truth) < 1e-7
+
+
+def test_what_is_not_two_masses_is_taken_for_modes():
+    mechanics = mechanics_of(two_mass_plant().system)
+    assert mechanics.two_masses() is not None
+    assert mechanics.two_masses(0.3) is None  # a ratio that contradicts the plant: shapes by modes
+    held = two_mass_plant(ground={"motor": 500.0})
+    assert mechanics_of(held.system).two_masses() is None
+    assert mechanics_of(held.system).point("load").mobility > 0

@@ -19,23 +19,26 @@ SPRING = (2 * np.pi * FREQUENCY) ** 2 * REDUCED
 DAMPER = 2 * DAMPING * 2 * np.pi * FREQUENCY * REDUCED
 
 
-def matrices(motor=MOTOR, load=LOAD):
-    """States x_motor, v_motor, x_load, v_load."""
+def matrices(motor=MOTOR, load=LOAD, guide=0.0, ground=None):
+    """States x_motor, v_motor, x_load, v_load; `guide` rubs on the motor, `ground` are springs."""
     k, c = SPRING, DAMPER
+    held = {"motor": 0.0, "load": 0.0, **(ground or {})}
     a = np.array(
         [
             [0, 1, 0, 0],
-            [-k / motor, -c / motor, k / motor, c / motor],
+            [-(k + held["motor"]) / motor, -(c + guide) / motor, k / motor, c / motor],
             [0, 0, 0, 1],
-            [k / load, c / load, -k / load, -c / load],
+            [k / load, c / load, -(k + held["load"]) / load, -c / load],
         ]
     )
     return a, np.array([0, 1 / motor, 0, 0])
 
 
-def two_mass_plant(measured: str = "motor", motor=MOTOR, load=LOAD) -> Plant:
+def two_mass_plant(
+    measured: str = "motor", motor=MOTOR, load=LOAD, guide=0.0, ground=None
+) -> Plant:
     """ZOH plant under the lead controller of the rigid stage, turned down for the load side."""
-    a, b = matrices(motor, load)
+    a, b = matrices(motor, load, guide, ground)
     block = np.zeros((5, 5))
     block[:4, :4], block[:4, 4] = a, b
     exponential = scipy.linalg.expm(block * SAMPLE_TIME)
