@@ -7,12 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ffl.bases.base import Basis, SumBasis
+from ffl.bases.compensation import Compensation
 from ffl.bases.derivatives import Derivatives, derivative
 from ffl.bases.fir import FIR
 from ffl.bases.free import FreeSignal
 from ffl.bases.friction import Friction
 from ffl.bases.obf import OBF
 from ffl.errors import InputError
+from ffl.systems import Plant
 from ffl.systems.plant_file import suggest
 
 BASES: dict[str, Callable[..., Basis]] = {
@@ -20,27 +22,44 @@ BASES: dict[str, Callable[..., Basis]] = {
     "fir": FIR,
     "free": FreeSignal,
     "friction": Friction,
+    "from_diagnosis": Compensation,
     "obf": OBF,
 }
 
 
-def make_basis(specs: Sequence[Mapping[str, Any]], sample_time: float) -> Basis:
+FROM_DIAGNOSIS = (
+    {"kind": "derivatives"},
+    {"kind": "from_diagnosis"},
+)  # what the bare word stands for
+
+
+def make_basis(
+    specs: Sequence[Mapping[str, Any]] | str, sample_time: float, plant: Plant | None = None
+) -> Basis:
     """The basis that the tables of a campaign file describe; a sum where there are several.
 
-    Each table has `kind` and the arguments of that basis; complex poles are [re, im]. Raises
+    Each table has `kind` and the arguments of that basis; complex poles are [re, im]. The word
+    "from_diagnosis" stands for derivatives and the compensation of every effect of `plant`, the
+    model; a table {kind = "from_diagnosis"} for the compensations alone. Raises
     `InputError` naming the key within the list, as `[0].poles`.
     """
+    if isinstance(specs, str):
+        if specs != "from_diagnosis":
+            raise InputError(f"'{specs}': the only basis that a word names is 'from_diagnosis'")
+        specs = FROM_DIAGNOSIS
     if not specs:
         raise InputError("basis is empty; give at least one table with a 'kind'")
-    parts = [_make_one(spec, f"[{index}]", sample_time) for index, spec in enumerate(specs)]
+    parts = [_make_one(spec, f"[{index}]", sample_time, plant) for index, spec in enumerate(specs)]
     if len(parts) > 1 and any(isinstance(part, FreeSignal) for part in parts):
         raise InputError("basis kind 'free' holds every other basis; use it alone")
     return parts[0] if len(parts) == 1 else SumBasis(parts)
 
 
-def _make_one(spec: Mapping[str, Any], where: str, sample_time: float) -> Basis:
+def _make_one(
+    spec: Mapping[str, Any], where: str, sample_time: float, plant: Plant | None
+) -> Basis:
     kind = spec.get("kind")
-    if kind not in BASES:
+    if not isinstance(kind, str) or kind not in BASES:
         raise InputError(
             f"{where}.kind = {kind!r}: unknown basis; {suggest(str(kind), list(BASES))}"
         )
@@ -54,6 +73,12 @@ def _make_one(spec: Mapping[str, Any], where: str, sample_time: float) -> Basis:
                 f"{where}.{key}: unknown key of basis '{kind}'; {suggest(key, allowed)}"
             )
         arguments[key] = _roots(value, f"{where}.{key}") if key in ("poles", "outside") else value
+    if "plant" in allowed:
+        arguments.setdefault("plant", plant)
+        if not isinstance(arguments["plant"], Plant):
+            raise InputError(
+                f"{where}.plant is missing: basis '{kind}' reads its effects from a plant"
+            )
     try:
         return BASES[kind](**arguments, sample_time=sample_time)
     except InputError as error:
@@ -77,6 +102,7 @@ __all__ = [
     "FIR",
     "OBF",
     "Basis",
+    "Compensation",
     "Derivatives",
     "FreeSignal",
     "Friction",

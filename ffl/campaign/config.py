@@ -124,10 +124,10 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
         if name in names[:index]:
             raise InputError(f"{path}: runs[{index}].name = '{name}' is used twice; rename one")
     runs = tuple(
-        _in_file(path, f"runs[{index}]", partial(_run_spec, run, model.sample_time))
+        _in_file(path, f"runs[{index}]", partial(_run_spec, run, model, folder))
         for index, run in enumerate(form.runs)
     )
-    resolved = _resolved(form, model, machine, references)
+    resolved = _resolved(form, model, machine, references, folder)
     return Campaign(
         form.name,
         form.seed,
@@ -149,7 +149,7 @@ def check_campaign(campaign: Campaign) -> None:
             _check_feasible(campaign, run, updater)
             if campaign.second_reference is not None and not isinstance(run.basis, FreeSignal):
                 run.basis.regressors(campaign.second_reference)
-        except InputError as error:
+        except (InputError, OverflowError, MemoryError) as error:
             raise InputError(f"runs[{index}] ({run.name}): {error}") from None
 
 
@@ -186,14 +186,29 @@ def load_step(path: str | os.PathLike[str]) -> StepForm:
     return validated(read_toml(Path(path)), StepForm, str(path))
 
 
-def run_parts(form: RunForm | StepForm, sample_time: float) -> tuple[Basis, Weights, Constraints]:
-    """Basis, weights and constraints of a run's tables, built and checked."""
+def run_parts(
+    form: RunForm | StepForm, sample_time: float, model: Plant | None = None, folder: Path = Path()
+) -> tuple[Basis, Weights, Constraints]:
+    """Basis, weights and constraints of a run's tables, built and checked; a basis that asks for a
+    `plant` gets the file it names (looked for in `folder` too), or else `model`."""
     try:
-        basis = make_basis(form.basis, sample_time)
-    except InputError as error:
+        basis = make_basis(_with_plants(form.basis, folder), sample_time, model)
+    except (InputError, OverflowError, MemoryError) as error:
         text = str(error)
         raise InputError(f"basis{'' if text.startswith('[') else ': '}{text}") from None
     return basis, _weights(form.weights, sample_time), _constraints(form.constraints)
+
+
+def _with_plants(basis: list[dict[str, Any]] | str, folder: Path) -> list[dict[str, Any]] | str:
+    """The basis tables with the plants that they name in place of the names."""
+    if isinstance(basis, str):
+        return basis
+    return [
+        spec | {"plant": load_plant(spec["plant"], folder)}
+        if isinstance(spec.get("plant"), str)
+        else spec
+        for spec in basis
+    ]
 
 
 def validated(table: Mapping[str, Any], form: type[Form], file: str) -> Form:
@@ -221,8 +236,8 @@ def _reference(form: Any, model: Plant, folder: Path, key: str) -> Array:
     return reference
 
 
-def _run_spec(form: RunForm, sample_time: float) -> RunSpec:
-    return RunSpec(form.name, *run_parts(form, sample_time), form.update)
+def _run_spec(form: RunForm, model: Plant, folder: Path) -> RunSpec:
+    return RunSpec(form.name, *run_parts(form, model.sample_time, model, folder), form.update)
 
 
 def _weights(form: WeightsForm, sample_time: float) -> Weights:
@@ -269,7 +284,11 @@ def _numbers(value: Any, where: str) -> float | Array:
 
 
 def _resolved(
-    form: CampaignForm, model: Plant, machine: Plant, references: Mapping[str, Array]
+    form: CampaignForm,
+    model: Plant,
+    machine: Plant,
+    references: Mapping[str, Array],
+    folder: Path,
 ) -> dict[str, str]:
     """Files that rerun the campaign anywhere: defaults filled in, plants and recordings beside it."""
     table = form.model_dump(exclude_none=True)
@@ -280,6 +299,12 @@ def _resolved(
             table[key] = {"kind": "file", "file": f"{key}.csv", "column": "r"}
             rows = (f"{k * model.sample_time!r},{float(value)!r}" for k, value in enumerate(signal))
             files[f"{key}.csv"] = "t,r\n" + "\n".join(rows) + "\n"
+    for i, run in enumerate(form.runs):
+        for j, spec in enumerate(run.basis if isinstance(run.basis, list) else []):
+            if isinstance(spec.get("plant"), str):
+                name = f"basis_{i}_{j}.toml"
+                files[name] = to_toml(plant_to_dict(load_plant(spec["plant"], folder)))
+                table["runs"][i]["basis"][j]["plant"] = name
     return {
         "campaign.toml": to_toml(table),
         "model.toml": to_toml(plant_to_dict(model)),

@@ -72,9 +72,12 @@ class ConstraintsForm(Strict):
     parameters: Any = None
 
 
+BasisForm = Annotated[list[dict[str, Any]], Field(min_length=1)] | Literal["from_diagnosis"]
+
+
 class RunForm(Strict):
     name: Name
-    basis: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    basis: BasisForm
     weights: WeightsForm
     constraints: ConstraintsForm = ConstraintsForm()
     update: Literal["auto", "closed_form", "osqp", "riccati"] = "auto"
@@ -94,7 +97,7 @@ class CampaignForm(Strict):
 class StepForm(Strict):
     """What `ffl step --basis` reads: basis and weights as in a run, and what is documented."""
 
-    basis: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    basis: BasisForm
     weights: WeightsForm
     constraints: ConstraintsForm = ConstraintsForm()
     update: Literal["auto", "closed_form", "osqp"] = "auto"

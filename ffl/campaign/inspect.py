@@ -64,7 +64,10 @@ def check_file(path: Path) -> str:
         return f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
     if kind == "step":
         try:
-            basis, _, _ = run_parts(load_step(path), 1.0)
+            form = load_step(path)
+            if form.basis == "from_diagnosis":
+                return "step file is sound: its parameters follow from the model's effects"
+            basis, _, _ = run_parts(form, 1.0, folder=path.parent)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         return f"step file is sound: {basis.n_parameters} parameters"

@@ -90,11 +90,16 @@ class Cogging(Effect):
         return [{"period": 1.0 / k} for k in wave_numbers(motion)]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+        """Sine and cosine over the `period`, then those of its `harmonics` (1: none)."""
         angle = 2 * np.pi * motion.x / nonlinear["period"]
-        return np.column_stack([np.sin(angle), np.cos(angle)])
+        orders = range(1, int(nonlinear.get("harmonics", 1)) + 1)
+        return np.column_stack([turn(k * angle) for k in orders for turn in (np.sin, np.cos)])
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
         return {**nonlinear, **sine_pair(coefficients)}
+
+    def nonlinear_of(self, values: Parameters) -> dict[str, float]:
+        return {"period": values["period"], "harmonics": len(harmonics(values))}
 
     def says(self, values: Parameters, plant: Plant) -> str:
         more = len(harmonics(values)) - 1

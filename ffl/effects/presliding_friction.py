@@ -92,6 +92,9 @@ class PreslidingFriction(Effect):
             "micro_damping": 0.0,
         }
 
+    def nonlinear_of(self, values: Parameters) -> dict[str, float]:
+        return {"displacement": values["level"] / values["stiffness"]}
+
     def says(self, values: Parameters, plant: Plant) -> str:
         give = values["level"] / values["stiffness"]
         return (

@@ -13,6 +13,7 @@ from ffl.errors import InputError
 from ffl.learn.constraints import Constraints
 from ffl.learn.coordinates import Coordinates, orthonormal
 from ffl.learn.weights import Weights, apply_weight, is_zero
+from ffl.machines import linear_part
 from ffl.systems import Plant
 from ffl.systems.state_space import Array
 
@@ -62,6 +63,9 @@ class NormOptimal:
     """theta_{j+1} = argmin |e_j - J (theta - theta_j)|^2_We + |Phi theta|^2_Wf + |Phi (theta -
     theta_j)|^2_Wdf, with Phi = psi(r) and J = SP Phi of the model (2018 printer paper, (2), (3)).
 
+    Of a model with effects (an augmented.toml) the update takes the linear part, which keeps the
+    problem convex; what friction and the like need is a basis's part, kind "from_diagnosis".
+
     The matrices and their QR are made once; an update costs O(N n). `path` is "closed_form", "osqp"
     (the quadratic program of `ffl.learn.convex`) or "auto": closed form where there is no bound.
     """
@@ -77,7 +81,7 @@ class NormOptimal:
     ) -> None:
         self.constraints = constraints or Constraints()
         self.weights, self.reference = weights, np.asarray(reference, float)
-        self.loop = model.require_stable()
+        self.loop = linear_part(model).require_stable()
         self.sample_time = model.sample_time
         n = len(self.reference)
         weights.check_length(n)

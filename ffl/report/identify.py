@@ -129,7 +129,9 @@ def _instrumental(task: Task) -> Found:
     if task.model is None or task.basis is None:
         raise InputError("identify instrumental: give --model (with its controller) and --basis")
     recording = _one(task, "instrumental")
-    basis, _, _ = run_parts(load_step(task.basis), task.model.sample_time)
+    basis, _, _ = run_parts(
+        load_step(task.basis), task.model.sample_time, task.model, task.basis.parent
+    )
     fitted = InstrumentalInverse(basis, task.model).fit(recording)
     errors = fitted.inverse_.standard_errors
     facts = {

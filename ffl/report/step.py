@@ -34,7 +34,7 @@ def step_with_report(
     model = load_plant(model_path)
     form = load_step(basis_path)
     try:
-        basis, weights, constraints = run_parts(form, model.sample_time)
+        basis, weights, constraints = run_parts(form, model.sample_time, model, basis_path.parent)
         if isinstance(basis, FreeSignal):
             raise InputError("basis kind 'free' has no parameters to learn in a step; take another")
         unknown = sorted(set(form.documented) - set(basis.names))

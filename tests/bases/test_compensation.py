@@ -1,0 +1,126 @@
+"""Feedforward from a diagnosis: exact on a rigid machine, two-sided on one with modes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.bases import Compensation, SumBasis, make_basis
+from ffl.effects import EFFECTS, Motion
+from ffl.errors import InputError
+from ffl.machines import Simulator
+from ffl.systems import EffectSpec, Move, load_plant, moves
+
+T = 1e-3
+REFERENCE = moves([Move(0.3, 0.1, 0.4, 4.0, 200.0), Move(1.2, -0.06, 0.4, 4.0, 200.0)], 2.0, T)
+FRICTION = EffectSpec("coulomb_friction", {"level": 20.0})
+COGGING = EffectSpec(
+    "cogging", {"amplitude": 8.0, "period": 0.03, "phase": 0.4, "amplitude_2": 3.0, "phase_2": 1.0}
+)
+SPRING = EffectSpec("linear_stiffness", {"stiffness": 90.0, "centre": 0.02})
+LAG = EffectSpec("actuator_lag", {"time_constant": 2e-3})
+
+
+def plant(*effects, name="emps"):
+    return replace(load_plant(name), effects=effects)
+
+
+def test_one_column_per_coefficient_and_what_has_none_is_said():
+    basis = Compensation(plant(FRICTION, COGGING, LAG, SPRING))
+    assert basis.names == [
+        "coulomb_friction",
+        *[f"cogging[{k}]" for k in range(4)],
+        "linear_stiffness[0]",
+        "linear_stiffness[1]",
+    ]
+    assert basis.without == ["actuator_lag"]
+    assert basis.regressors(REFERENCE).shape == (len(REFERENCE), 7)
+    with pytest.raises(InputError, match=r"no effect with a compensation \(actuator_lag have none"):
+        Compensation(plant(LAG))
+    with pytest.raises(InputError, match="sample_time"):
+        Compensation(plant(FRICTION), 2e-3)
+
+
+def test_true_coefficients_cancel_the_effects_on_a_rigid_machine():
+    """Beside the same machine without effects, both with the rigid body fed forward: while it moves
+    the compensation takes away what the effects do, up to half a sample of hold."""
+    machine = plant(FRICTION, COGGING, SPRING)
+    basis = make_basis([{"kind": "from_diagnosis"}], T, machine)
+    harmonics = [8 * np.cos(0.4), 8 * np.sin(0.4), 3 * np.cos(1.0), 3 * np.sin(1.0)]
+    theta = np.array([20.0, *harmonics, 90.0, 90.0 * 0.02])
+    rigid = make_basis([{"kind": "derivatives", "orders": ["velocity", "acceleration"]}], T)
+    # The servo brakes with gtau kv = 35.15 * 243.45 N s/m, which the feedforward makes good.
+    mass = rigid.regressors(REFERENCE) @ [35.15 * 243.45, machine.physics.mass]
+    simulator = Simulator(machine)
+
+    def error(feedforward):
+        y = simulator.run(machine.effects, REFERENCE, feedforward).y
+        free = simulator.run((), REFERENCE, mass).y
+        moving = np.abs(np.gradient(REFERENCE, T)) > 0.1
+        return np.linalg.norm((free - y)[moving])
+
+    assert error(mass + basis.regressors(REFERENCE) @ theta) < 0.15 * error(mass)
+    wrong = theta * np.where(np.arange(7) == 1, -1.0, 1.0)
+    assert error(mass + basis.regressors(REFERENCE) @ wrong) > 0.4 * error(mass)
+
+
+@pytest.mark.parametrize("side", ["sensor", "motor"])
+def test_a_force_anywhere_on_the_printer_is_cancelled_from_the_motor(side):
+    """The non-minimum-phase printer in closed loop: a smooth force of position (a cubic spring) at
+    the sensor or at the motor, and the two-sided command against it. In the output they cancel."""
+    effect = EffectSpec(
+        "hardening_spring", {"cubic_coefficient": 3e3, "centre": 0.03}, {"side": side}
+    )
+    machine = plant(effect, name="flatbed_printer")
+    reference = np.concatenate([np.zeros(1500), REFERENCE, np.full(1500, REFERENCE[-1])])
+    basis = Compensation(machine)
+    f = basis.regressors(reference)[:, 0] * 3e3
+    # A feedforward that tracks without the effect: the two-sided inverse of the plant.
+    inverse = _tracking(machine, reference)
+    simulator = Simulator(machine)
+    free = np.linalg.norm(reference - simulator.run((), reference, inverse).y)
+    spoilt = np.linalg.norm(reference - simulator.run(machine.effects, reference, inverse).y)
+    mended = np.linalg.norm(reference - simulator.run(machine.effects, reference, inverse + f).y)
+    assert spoilt > 100 * free
+    assert mended < 0.05 * spoilt  # half a sample of hold
+
+
+def _tracking(machine, reference):
+    from ffl.systems.two_sided import two_sided_filter
+    from ffl.systems.zpk import Zpk
+
+    p = machine.system
+    return two_sided_filter(
+        Zpk(p.poles, p.zeros, 1.0 / p.gain, p.sample_time), reference, hold=True
+    )
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_effect_reads_its_own_parameters_back(name):
+    """`nonlinear_of` is what `from_coefficients` was given: fitted and read back, the columns are
+    the same."""
+    effect = EFFECTS[name]
+    t = T * np.arange(1200)
+    x = 0.1 * np.sin(2 * np.pi * 1.5 * t) + 0.02 * t
+    motion = replace(Motion.of_reference(x, T, 2.0), u=np.cos(9 * t))
+    nonlinear = effect.grid(motion)[0]
+    columns = effect.regressors(motion, **nonlinear)
+    if effect.port != "force" or effect.compensation(motion, **nonlinear) is None:
+        return
+    coefficients = 0.3 + 0.1 * np.arange(columns.shape[1])
+    values = effect.from_coefficients(coefficients, nonlinear)
+    spec = EffectSpec(name, values)
+    again = effect.compensation(motion, **effect.nonlinear_of(effect.check(spec)))
+    assert again == pytest.approx(-columns, rel=1e-9, abs=1e-12)
+
+
+def test_the_word_stands_for_derivatives_and_compensations():
+    model = plant(FRICTION, SPRING)
+    basis = make_basis("from_diagnosis", T, model)
+    assert isinstance(basis, SumBasis)
+    assert basis.names[:4] == ["velocity", "acceleration", "jerk", "snap"]
+    assert basis.names[4] == "coulomb_friction"
+    with pytest.raises(InputError, match="only basis that a word names"):
+        make_basis("from_thin_air", T, model)
+    with pytest.raises(InputError, match=r"\[0\].plant is missing"):
+        make_basis([{"kind": "from_diagnosis"}], T)
