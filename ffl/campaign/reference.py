@@ -14,6 +14,7 @@ from ffl.systems import Move, moves, multisine
 from ffl.systems.state_space import Array
 
 ROUNDING = 1e-9
+MOST_SAMPLES = 1e8
 
 
 def find_recording(text: str, folder: Path) -> Path:
@@ -42,21 +43,36 @@ def build_reference(
     form: MovesForm | MultisineForm | FileForm, sample_time: float, folder: Path
 ) -> Array:
     """The reference, shape (N,), at rest at its start; raises `InputError` where it is not."""
-    if isinstance(form, MovesForm):
-        sequence = [Move(**move.model_dump()) for move in form.moves]
-        return moves(sequence, form.duration, sample_time)
-    if isinstance(form, MultisineForm):
-        low, high = form.band
-        if low >= high or high > 0.5 / sample_time:
-            raise InputError(
-                f"reference.band = {form.band} Hz: give [low, high] with low < high <= "
-                f"{0.5 / sample_time:g} Hz"
-            )
-        rng = np.random.default_rng(form.seed)
-        return multisine(
-            (low, high), form.rms, form.duration, sample_time, rng, form.rest, form.taper
+    if not isinstance(form, FileForm) and form.duration / sample_time > MOST_SAMPLES:
+        raise InputError(
+            f"reference.duration = {form.duration:g} s holds more than {MOST_SAMPLES:g} samples of "
+            f"{sample_time:g} s; shorten it"
         )
+    try:
+        if isinstance(form, MovesForm):
+            sequence = [Move(**move.model_dump()) for move in form.moves]
+            return moves(sequence, form.duration, sample_time)
+        if isinstance(form, MultisineForm):
+            return _multisine(form, sample_time)
+    except InputError:
+        raise
+    except (ArithmeticError, ValueError) as error:
+        raise InputError(
+            f"reference: a limit is too large or too small to compute with ({error}); give values "
+            "of a machine"
+        ) from None
     return _from_file(form, sample_time, folder)
+
+
+def _multisine(form: MultisineForm, sample_time: float) -> Array:
+    low, high = form.band
+    if low >= high or high > 0.5 / sample_time:
+        raise InputError(
+            f"reference.band = {form.band} Hz: give [low, high] with low < high <= "
+            f"{0.5 / sample_time:g} Hz"
+        )
+    rng = np.random.default_rng(form.seed)
+    return multisine((low, high), form.rms, form.duration, sample_time, rng, form.rest, form.taper)
 
 
 def _column(form: FileForm, sample_time: float, folder: Path) -> tuple[Path, Array]:
