@@ -58,6 +58,9 @@ CAMPAIGN_MISTAKES = {
     "a move before rest": (("start = 0.05", "start = 0.0"), "must be at rest"),
     "a move without speed": (("velocity = 0.4", "velocity = 0.0"), "velocity = 0.0"),
     "a move past the end": (("duration = 0.5", "duration = 0.1"), "lengthen it"),
+    "a jerk of no machine": (("jerk = 300.0", "jerk = 1e308"), "too large or too small"),
+    "a year of reference": (("duration = 0.5", "duration = 3e7"), "holds more than 1e+08 samples"),
+    "a kind that is no name": (('kind = "fir"', "kind = [1]"), "runs[1].basis"),
     "not TOML": (("trials = 3", "trials = = 3"), "not valid TOML"),
     "a preview past the end": (("preview = 2", "preview = 600"), "the taps reach 600"),
     "bounds that exclude each other": (
