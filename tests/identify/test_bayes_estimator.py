@@ -85,6 +85,12 @@ def test_algorithm_1_as_an_estimator(data):
     assert found.noise_variance_ == found.hyperparameters_.noise_variance
 
 
+@pytest.mark.parametrize("wrong", [{"max_iterations": 0}, {"n_draws": 900, "burn_in": 900}])
+def test_algorithm_1_needs_an_iteration_and_draws(data, wrong):
+    with pytest.raises(InputError, match="at least one iteration"):
+        Algorithm1Inverse(**wrong).fit(data.u[:60], data.y)
+
+
 def test_before_fit_nothing_is_learned():
     with pytest.raises(InputError, match="call fit first"):
         _ = DirectBayesianInverse().taps_
@@ -98,6 +104,7 @@ REFUSALS = {
     "nan": (np.where(np.arange(200) == 7, np.nan, WHITE), NOISE, {}, r"u\[7\] is nan"),
     "two columns": (np.ones((60, 2)), NOISE[:60], {}, "must be vectors"),
     "no causal tap": (WHITE, NOISE, {"n_c": 0}, "n_c 1 or more"),
+    "no draws": (WHITE, lfilter([1.0], [1.0, -0.5], WHITE) + NOISE, {"n_draws": 0}, "0 draws"),
     "no output": (WHITE, None, {}, "two arrays"),
     "nothing in common": (WHITE, NOISE, {}, "no more than chance"),
     "output before input": (

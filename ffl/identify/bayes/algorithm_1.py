@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from ffl.errors import InputError
 from ffl.identify.bayes.circle import circle_jacobian, circle_response, inside_count
 from ffl.identify.bayes.maximum_likelihood import MaximumLikelihood, maximum_likelihood
 from ffl.identify.bayes.metropolis import metropolis
@@ -139,9 +140,14 @@ def algorithm_1(
     The first hyperparameters are those of a grid of decays with the largest expected log prior at
     that point ((13) there), the first noise variance is misfit / (N - n). Stops (status
     "converged") when no hyperparameter moves by more than `tolerance` in its logarithm, or
-    ("iterations") at `max_iterations`; "label" when (8) leaves no descent with the root count
-    of the start, which the guard then keeps.
+    ("iterations") at `max_iterations`. Neither (8) nor a move of the chain may change the number
+    of roots inside. Raises `InputError` where there is no iteration or no draw after the burn-in.
     """
+    if max_iterations < 1 or n_draws < burn_in + 100:
+        raise InputError(
+            f"{max_iterations} iterations of {n_draws} draws with {burn_in} for burn-in: take at "
+            "least one iteration, and 100 draws more than the burn-in"
+        )
     taps, n = np.arange(-n_ac, n_c), n_ac + n_c
     start = likelihood or maximum_likelihood(record, n_ac, n_c)
     theta = start.theta

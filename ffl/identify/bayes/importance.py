@@ -36,7 +36,9 @@ class WeightedDraws:
         return deviation.T @ (deviation * self.weights[:, None])
 
 
-def log_posterior(misfits: np.ndarray, thetas: np.ndarray, n_samples: int, prior: Prior):
+def log_posterior(
+    misfits: np.ndarray, thetas: np.ndarray, n_samples: int, prior: Prior
+) -> np.ndarray:
     """-N/2 log misfit + log p(theta), -inf where the model is not finite."""
     with np.errstate(invalid="ignore", divide="ignore"):
         value = -0.5 * n_samples * np.log(misfits) + prior.log_density(thetas)

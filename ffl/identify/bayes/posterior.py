@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.errors import InputError
 from ffl.identify.bayes.circle import circle_response, inside_count
 from ffl.identify.bayes.importance import WeightedDraws, importance_sample
 from ffl.identify.bayes.lack_of_fit import lack_of_fit, remark
@@ -70,7 +71,7 @@ class Posterior:
     def remarks(self) -> tuple[str, ...]:
         """What must be said with the answer, in sentences; empty where nothing speaks against it."""
         found = [remark(self.noise_ratio, self.lack_of_fit, len(self.theta))]
-        if self.status == "unconverged":
+        if self.status == "unconverged" and self.chains is not None:
             found.append(
                 f"the chains disagree (split R-hat {self.chains.rhat.max():.2f}): no answer yet"
             )
@@ -92,6 +93,8 @@ def direct_posterior(
 
     Cost: O(N length^2) once (in `reduce_record`), then about n_draws (length^2 + nodes n^2) whatever N.
     """
+    if n_draws < 100:
+        raise InputError(f"{n_draws} draws cannot carry a posterior mean: take 100 or more")
     if n_ac + n_c > SAMPLING_LIMIT:
         found = _mode_only(record, n_ac, n_c, n_decays, peak_reach)
     else:
