@@ -14,8 +14,8 @@ from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import FreeForm, free_form
 from ffl.diagnose.line import across_the_line, sizes
 from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise, fit_noise
-from ffl.diagnose.prove import Proof, prove, run_plant
+from ffl.diagnose.noise import Noise, Paths, fit_noise
+from ffl.diagnose.prove import prove, run_plant
 from ffl.diagnose.result import Diagnosis, Finding, ModelCorrection, Number
 from ffl.diagnose.search import Judged, Step, contest
 from ffl.diagnose.trials import Trial, prepare
@@ -29,6 +29,7 @@ THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see r
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
+LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
 FREE = 30.0  # log-likelihood on held-out recordings by which a nameless map must win
 
 
@@ -139,7 +140,8 @@ def _conclude(
     rivals = free_form(standing.scene, held, standing.model)
     structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
     effects = standing.model.effects
-    verdict, place = _verdict(standing, structure, proof)
+    excess = _excess(model, standing)
+    verdict, place = _verdict(standing, structure, excess)
     quiet = standing.scene
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
@@ -172,7 +174,7 @@ def _conclude(
     )
 
 
-def _verdict(standing: Judged, structure: list[FreeForm], proof: Proof):  # type: ignore[no-untyped-def]
+def _verdict(standing: Judged, structure: list[FreeForm], excess: float):  # type: ignore[no-untyped-def]
     effects = standing.model.effects
     depends = tuple(dict.fromkeys(d for e in effects for d in EFFECTS[e.name].depends_on))
     chi2 = float(np.mean(standing.held_white**2)) if len(standing.held_white) else 1.0
@@ -181,11 +183,29 @@ def _verdict(standing: Judged, structure: list[FreeForm], proof: Proof):  # type
         place = where.Place(component, where.phrase(EFFECTS[effects[0].name].depends_on), depends)
         clean = not structure and chi2 < 1.5
         return ("explained" if clean else "partly_explained"), place
+    if not structure and excess > LOUD:
+        return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
     if structure:
         best = structure[0]
         component = {"force": "plant", "command": "actuator", "output": "sensor"}[best.port]
         return "unnamed", where.Place(component, where.phrase(best.variables), best.variables)
     return "nothing_missing", where.Place("", "", ())
+
+
+def _excess(plant: Plant, standing: Judged) -> float:
+    """RMS of what is left over what the plant file's own noise would leave at most, were all of its
+    force noise slow; 0 where the file states no noise."""
+    m = plant.machine
+    if not (m.sensor_noise and m.force_noise):
+        return 0.0
+    loop = standing.scene.loop
+    n = 2048
+    frequencies = (np.arange(n) + 0.5) / n * 0.5 / plant.sample_time
+    paths = Paths.of(loop, frequencies)
+    sensor = float(np.hypot(m.sensor_noise, m.encoder_resolution / np.sqrt(12.0)))
+    stated = Noise(sensor, 0.0, sensor, 30.0, m.force_noise, 5.0).density(paths)
+    left = standing.scene.noise.density(paths)
+    return float(np.sqrt(np.mean(left) / np.mean(stated)))
 
 
 def _finding(standing: Judged, index: int, steps: list[Step], plant: Plant) -> Finding:
@@ -275,6 +295,11 @@ def _advice(standing: Judged, steps: list[Step], verdict: str, findings: tuple[F
         near = [name for name, p in finding.alternatives if p > 0.05]
         if near:
             out.append(separate(finding.name, near[0]))
+    if verdict == "inconclusive":
+        out.append(
+            "what is left is louder than the noise that the plant file states, and nothing of the "
+            "catalogue explains it: record standstill for the noise, and slow moves with reversals"
+        )
     if verdict == "unnamed":
         out.append(
             "repeat the run with half and with double speed: what stays in place is position"

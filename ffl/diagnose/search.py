@@ -26,7 +26,8 @@ from ffl.systems.state_space import Array
 PER_NUMBER = (
     4.0  # log-likelihood that one more free number must bring (BIC: half log of N, N ~ 3000)
 )
-SHORTLIST = 7
+SHORTLIST = 6
+FAINT = 16.0  # first-order gain below which a fit is not worth while
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 PASSES = 5  # most changes of noise while one hypothesis is fitted
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
@@ -170,13 +171,19 @@ def contest(
             return base, steps, held
         screened = Screen(quiet, base.fit).candidates()
         rivals = []
-        for c in shortlist([c for c in screened if c.spec.name not in base.model.names]):
-            rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec))
+        least = FAINT if steps else FAINT / 2  # what hides in the noise of the first round may be faint
+        fresh = [c for c in screened if c.spec.name not in base.model.names and c.gain > least]
+        for c in shortlist(fresh):
+            rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), rounds=6)
             say(
                 f"  {rival.name}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
             )
             rivals.append(rival)
+        rivals.sort(key=lambda j: -j.score)
+        for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
+            if rival.score > base.score and rival.fit.status == "rounds":
+                rivals[k] = judge(quiet, held, rival.model, rounds=8)
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if _earns(r, base, threshold)]
         accepted = worthy[0] if worthy else None

@@ -1,0 +1,54 @@
+"""A rigid stage under a lead controller, and recordings of it made by the project's simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffl.machines import SimulatedMachine
+from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
+from ffl.systems.plant import Imperfections
+
+STEP = 0.001
+MASS, CONSTANT = 6.0, 12.0
+
+
+@pytest.fixture(scope="session")
+def stage() -> Plant:
+    """6 kg, 12 N/A, a lead with 15 Hz bandwidth."""
+    zero, pole = np.exp(-2 * np.pi * 5.0 * STEP), np.exp(-2 * np.pi * 45.0 * STEP)
+    w = 2 * np.pi * 15.0
+    gain = CONSTANT * STEP**2 / (2 * MASS)
+    system = Zpk(np.array([-1.0]), np.array([1.0, 1.0]), gain, STEP)
+    lead = Zpk(np.array([zero]), np.array([pole]), 1.0, STEP)
+    size = abs(lead.response([15.0])[0] * CONSTANT / (MASS * w**2))
+    controller = Zpk(np.array([zero]), np.array([pole]), 1.0 / size, STEP)
+    return Plant(
+        "stage", system, Controller.of_error(controller), "A", "m", "made for the tests",
+        Physics(MASS, CONSTANT), Imperfections(1e-7, 1e-7, 2e-3, None),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def references() -> tuple[np.ndarray, np.ndarray]:
+    """A path of moves to learn from and another to judge by, 3 s each."""
+    out = []
+    for signs in ((1, -1, 1, -1), (1, 1, -1, -1)):
+        steps = [
+            Move(0.25 + 0.65 * k, 0.05 * s, 0.25 - 0.03 * k, 4.0, 200.0)
+            for k, s in enumerate(signs)
+        ]  # fmt: skip
+        out.append(moves(steps, 3.0, STEP))
+    return out[0], out[1]
+
+
+@pytest.fixture(scope="session")
+def record(references):  # type: ignore[no-untyped-def]
+    """Recordings (fit, validation) of a machine."""
+
+    def run(machine: Plant, seed: int = 0):  # type: ignore[no-untyped-def]
+        rng = np.random.default_rng(seed)
+        device = SimulatedMachine(machine)
+        return tuple(device.run(r, np.zeros_like(r), rng) for r in references)
+
+    return run

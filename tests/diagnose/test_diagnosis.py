@@ -1,0 +1,93 @@
+"""End to end on a stage whose missing physics is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.linear import corrected_plant, corrections_of
+from ffl.diagnose.prove import nrmse, run_plant
+from ffl.diagnose.trials import prepare
+from ffl.effects import mechanics_of
+from ffl.machines import Simulator
+from ffl.report.diagnosis import write
+from ffl.systems import load_plant
+from ffl.systems.plant import EffectSpec
+
+
+def _answer(stage, record, effects=(), **changes):  # type: ignore[no-untyped-def]
+    machine = replace(stage, effects=tuple(effects), **changes)
+    fit, judge = record(machine)
+    return diagnose(stage, [fit], [judge], rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def coulomb(stage, record):  # type: ignore[no-untyped-def]
+    return _answer(stage, record, [EffectSpec("coulomb_friction", {"level": 2.0})])
+
+
+def test_nothing_missing(stage, record):  # type: ignore[no-untyped-def]
+    answer = _answer(stage, record).answer()
+    assert answer["verdict"] == "nothing_missing"
+    assert answer["effects"] == []
+    check = answer["validation"]
+    assert check["nrmse_after"] == pytest.approx(check["noise_floor"], rel=0.2)
+
+
+def test_coulomb_is_named_measured_and_proven(coulomb):  # type: ignore[no-untyped-def]
+    answer = coulomb.answer()
+    assert answer["verdict"] == "explained"
+    assert [e["name"] for e in answer["effects"]] == ["coulomb_friction"]
+    level = answer["effects"][0]["parameters"]["level"]
+    assert level["unit"] == "N"
+    assert level["value"] == pytest.approx(2.0, abs=max(5 * level["std_error"], 0.02))
+    check = answer["validation"]
+    assert check["nrmse_after"] < 1.2 * check["noise_floor"] < 0.2 * check["nrmse_before"]
+    assert "direction" in answer["location"]["depends_on"]
+
+
+def test_answer_is_strict_json(coulomb):  # type: ignore[no-untyped-def]
+    text = json.dumps(coulomb.answer(), allow_nan=False)
+    assert json.loads(text)["schema"] == 1
+    for effect in coulomb.answer()["effects"]:
+        rivals = sum(a["confidence"] for a in effect["alternatives"])
+        assert 0 <= effect["confidence"] + rivals <= 1 + 1e-9
+
+
+def test_augmented_plant_reruns_to_the_last_bit(coulomb, stage, record, tmp_path):  # type: ignore[no-untyped-def]
+    write(coulomb, tmp_path)
+    plant = load_plant(str(tmp_path / "augmented.toml"))
+    machine = replace(stage, effects=(EffectSpec("coulomb_friction", {"level": 2.0}),))
+    judge = record(machine)[1]
+    trial = prepare(Simulator(stage), judge, 1e-7)
+    again = nrmse([trial.y], [run_plant(plant, trial).y])
+    assert again == coulomb.answer()["validation"]["nrmse_after"]
+    page = (tmp_path / "report.html").read_text()
+    assert "coulomb_friction" in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_mass_beyond_two_per_cent_is_an_effect_and_below_a_correction(stage, record):  # type: ignore[no-untyped-def]
+    heavier = corrected_plant(stage, mechanics_of(stage.system), {"mass": 0.06}).system
+    answer = _answer(stage, record, system=heavier).answer()
+    assert [e["name"] for e in answer["effects"]] == ["mass_change"]
+    change = answer["effects"][0]["parameters"]["change"]["value"]
+    assert change == pytest.approx(0.06, abs=0.003)
+    slightly = corrected_plant(stage, mechanics_of(stage.system), {"mass": 0.01}).system
+    answer = _answer(stage, record, system=slightly).answer()
+    assert answer["verdict"] == "nothing_missing"
+    masses = [c["relative"] for c in answer["model_corrections"] if c["name"] == "mass"]
+    assert masses == [pytest.approx(0.01, abs=0.002)]
+
+
+def test_corrections_are_modal_and_leave_the_nominal_alone(stage):  # type: ignore[no-untyped-def]
+    mechanics = mechanics_of(stage.system)
+    assert [c.name for c in corrections_of(mechanics)] == ["mass", "damping"]
+    f = np.array([1.0, 10.0, 100.0])
+    heavier = corrected_plant(stage, mechanics, {"mass": 0.25}).system
+    np.testing.assert_allclose(heavier.response(f), stage.system.response(f) / 1.25, rtol=1e-9)
+    assert corrected_plant(stage, mechanics, {"mass": 0.0}) is stage

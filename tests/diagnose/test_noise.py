@@ -1,0 +1,81 @@
+"""Noise and whitening: the innovations of the right model are white and of unit variance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.noise import Noise, Paths, fit_noise, spectrum
+from ffl.diagnose.whitening import Whitener
+
+TRUE = Noise(2e-7, 0.01, 1e-7, 40.0, 0.015, 8.0)
+
+
+def _loop_noise(stage, n, rng):  # type: ignore[no-untyped-def]
+    step = stage.sample_time
+    out = []
+    for white, coloured, corner in (
+        (TRUE.force, TRUE.force_coloured, TRUE.force_corner),
+        (TRUE.sensor, TRUE.sensor_coloured, TRUE.sensor_corner),
+    ):
+        a = np.exp(-2 * np.pi * corner * step)
+        x = np.zeros(n + 2000)
+        drive = np.sqrt(1 - a * a) * rng.standard_normal(n + 2000)
+        for k in range(1, len(x)):
+            x[k] = a * x[k - 1] + drive[k]
+        out.append(white * rng.standard_normal(n) + coloured * x[2000:])
+    zero = np.zeros(n)
+    return stage.loop.system.filter(np.column_stack([zero, zero, out[0], out[1]]))[:, 0]
+
+
+@pytest.fixture(scope="module")
+def noise(stage):  # type: ignore[no-untyped-def]
+    rng = np.random.default_rng(3)
+    return [_loop_noise(stage, 6000, rng)[500:] for _ in range(3)]
+
+
+def test_innovations_of_the_true_noise_are_white(stage, noise):  # type: ignore[no-untyped-def]
+    white = Whitener.of(stage.loop, TRUE)(np.column_stack(noise))
+    n = white.size
+    assert np.mean(white**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))
+    for lag in (1, 2, 5, 20):
+        r = np.mean([w[lag:] @ w[:-lag] / (w @ w) for w in white.T])
+        assert abs(r) < 5 / np.sqrt(n)
+
+
+def test_fitted_density_is_the_true_one(stage, noise):  # type: ignore[no-untyped-def]
+    fitted = fit_noise(stage.loop, noise, Noise(1e-7, 0.1))
+    paths = Paths.of(stage.loop, np.geomspace(1.0, 450.0, 60))
+    assert np.abs(np.log(fitted.density(paths) / TRUE.density(paths))).max() < 0.35
+
+
+def test_likelihood_prefers_the_true_noise(stage, noise):  # type: ignore[no-untyped-def]
+    def value(n: Noise) -> float:
+        w = Whitener.of(stage.loop, n)
+        return sum(-0.5 * w(e) @ w(e) - w.log_scale(len(e)) for e in noise)
+
+    best = value(TRUE)
+    assert best > value(TRUE.scaled(1.1))
+    assert best > value(Noise(2e-7, 0.02))
+
+
+def test_lower_envelope_ignores_what_happens_now_and_then(stage, noise):  # type: ignore[no-untyped-def]
+    spoiled = [e.copy() for e in noise]
+    for e in spoiled:
+        e[1000:1600] += 3e-5 * np.sin(0.1 * np.arange(600))
+    plain = spectrum(noise, stage.sample_time, 0.3)
+    robust = spectrum(spoiled, stage.sample_time, 0.3)
+    mean = spectrum(spoiled, stage.sample_time, None)
+    assert np.abs(np.log(robust.power / plain.power)).max() < 1.0
+    assert np.log(mean.power / plain.power).max() > 3.0
+
+
+def test_unknown_start_is_absorbed(stage):  # type: ignore[no-untyped-def]
+    system = stage.loop.system
+    n = system.order
+    start = np.zeros(n)
+    start[:2] = 1e-3 * np.abs(np.random.default_rng(1).standard_normal(2)) / np.abs(system.c[0][:2])
+    free = np.array([(system.c[0] @ np.linalg.matrix_power(system.a, k) @ start) for k in range(400)])
+    doubt = np.outer(start, start)
+    sure, unsure = Whitener.of(stage.loop, TRUE), Whitener.of(stage.loop, TRUE, doubt)
+    assert np.sum(unsure(free) ** 2) < 3.0 < np.sum(sure(free) ** 2)
