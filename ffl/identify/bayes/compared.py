@@ -30,7 +30,7 @@ def naive(
     """(22): u regressed on the noisy y as if y were exact; biased towards small taps.
 
     (22) sums over t = 1..N, where the last n_ac rows need y beyond the record: zeros there give the
-    paper's figure. `drop_edge` leaves those rows out, which is worth 6 points of fit. Before the
+    paper's figure. `drop_edge` leaves those rows out, which is worth 3 points of fit. Before the
     record y is zero (rest).
     """
     u, y = check_arrays(u, y, n_ac + n_c)
