@@ -52,11 +52,27 @@ class Step:
     criterion: float
 
 
+def projected(rows: Rows, lags: Array, kernel: OBF) -> tuple[Array, Array]:
+    """Residual of least squares on the kernel's functions, and its derivative by its poles.
+
+    Golub and Pereyra's full Jacobian, -(P dA c + (A^+)^T dA^T residual) with A = Phi B.
+    """
+    functions, slopes = kernel.basis(lags)
+    a = rows.apply(functions)
+    q, r = np.linalg.qr(a)
+    c = scipy.linalg.solve_triangular(r, q.T @ rows.target)
+    residual = rows.target - a @ c
+    moved = rows.apply(np.tensordot(slopes, c, axes=([2], [0])).T)
+    inner = np.tensordot(slopes, rows.transpose(residual), axes=([1], [0])).T
+    jacobian = q @ (q.T @ moved) - moved
+    return residual, jacobian - q @ scipy.linalg.solve_triangular(r, inner, trans="T")
+
+
 def project(rows: Rows, lags: Array, start: OBF, max_evaluations: int = 40) -> Projection:
     """Poles that minimise ||target - Phi B(poles) c||^2, c eliminated (Golub and Pereyra).
 
-    Trust-region Gauss-Newton within the bounds of the sections, with the full Jacobian
-    -(P dA c + (A^+)^T dA^T residual). One evaluation costs O(N log N p) for p functions.
+    Trust-region Gauss-Newton within the bounds of the sections. One evaluation costs
+    O(N log N p) for p functions.
     """
     bounds = np.array(start.bounds[1:]).reshape(-1, 2)
     head = start.coordinates[:1]
@@ -66,16 +82,7 @@ def project(rows: Rows, lags: Array, start: OBF, max_evaluations: int = 40) -> P
         key = x.tobytes()
         if key not in memo:
             memo.clear()
-            functions, slopes = start.at(np.concatenate([head, x])).basis(lags)
-            a = rows.apply(functions)
-            q, r = np.linalg.qr(a)
-            c = scipy.linalg.solve_triangular(r, q.T @ rows.target)
-            residual = rows.target - a @ c
-            moved = rows.apply(np.tensordot(slopes, c, axes=([2], [0])).T)
-            inner = np.tensordot(slopes, rows.transpose(residual), axes=([1], [0])).T
-            jacobian = q @ (q.T @ moved) - moved
-            jacobian -= q @ scipy.linalg.solve_triangular(r, inner, trans="T")
-            memo[key] = residual, jacobian
+            memo[key] = projected(rows, lags, start.at(np.concatenate([head, x])))
         return memo[key]
 
     x = np.clip(start.coordinates[1:], bounds[:, 0] + 1e-9, bounds[:, 1] - 1e-9)

@@ -9,7 +9,7 @@ import ffl.identify.kernel2018 as paper
 from ffl.errors import InputError
 from ffl.identify import RationalInverse
 from ffl.identify.kernels import OBF
-from ffl.identify.rational import project, search
+from ffl.identify.rational import project, projected, search
 from ffl.identify.regression import Edges, backward_regression
 
 TRUE_INSIDE = np.array([0.9815 + 0.08401042j, 0.9815 - 0.08401042j, 0.9834])
@@ -42,6 +42,19 @@ def test_poles_without_noise_come_back_from_a_wrong_start():
     assert found.status == "converged"
     assert nearest(found.kernel.poles, TRUE_INSIDE) < 2e-3
     assert nearest(found.kernel.outside, TRUE_OUTSIDE) < 1e-4
+
+
+def test_jacobian_of_the_projected_residual():
+    rows = rows_with(1.0)
+    kernel = OBF.of_poles([0.95 + 0.15j, 0.95 - 0.15j, 0.5], [1.05 + 0.2j, 1.05 - 0.2j], direct=3)
+    _, jacobian = projected(rows, rows.lags, kernel)
+    x, h = kernel.coordinates, 1e-6
+    for i in range(1, len(x)):
+        step = h * np.eye(len(x))[i]
+        up, down = (projected(rows, rows.lags, kernel.at(x + s))[0] for s in (step, -step))
+        column = (up - down) / (2 * h)
+        error = np.linalg.norm(jacobian[:, i - 1] - column)
+        assert error < 1e-6 * np.linalg.norm(column)
 
 
 def test_projection_ends_where_no_small_step_is_better():
