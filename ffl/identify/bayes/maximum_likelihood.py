@@ -2,9 +2,9 @@
 
 The number of roots of theta(z) inside the unit circle is a discrete label: between two labels
 ||xi|| is infinite, so a descent seldom leaves the one it starts in. Each start is therefore run and
-the best misfit decides the label. Over 60
-data sets of the paper the inverse of the forward model ended in the wrong label twice, the plain
-regression of u on y once; the best of all starts was right in 200 of 200.
+the best misfit decides the label. Over 60 data sets of the paper the inverse of the forward model
+ended in the wrong label twice, the plain regression of u on y once; the best of all starts was
+right in 200 of 200.
 """
 
 from dataclasses import dataclass
