@@ -17,7 +17,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         s[0] = s[1]
         return
     plus, minus = p[0], p[1]
-    rests = set_friction(io, s[0] != 0.0, (plus, plus), (minus, minus), plus, minus)
+    rests = set_friction(io, s[0] != 0.0, (plus, plus, plus), (minus, minus, minus), plus, minus)
     s[1] = 1.0 if rests else 0.0
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import FIRST, X0
+from ffl.effects.law import FIRST, GX, X0
 from ffl.effects.periods import harmonics, sine_pair, wave_numbers
-from ffl.effects.solve import end_motion, set_line
+from ffl.effects.solve import bulge_of, end_motion, middle_motion, set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -30,24 +30,32 @@ def _force(p, x):  # type: ignore[no-untyped-def]
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """s: force at the start and at the end of the step (iterate), position of that end. Newton: the
+    """s: force at the start and at the end of the step (iterate), position of that end,
+    bulge of the force between. Newton: the
     stiffness of cogging is small against the inertia over one step, so two rounds leave rounding."""
     if io[FIRST] != 0.0:
         if abs(io[X0] - s[2]) * p[0] * p[1] < 1e-10:  # this step starts where the last one ended
             s[0] = s[1]
         else:
             s[0], _ = _force(p, io[X0])
-    xa, gx, _, _ = end_motion(io, s[0])
-    end = s[1]
+        s[3] = 0.0
+    end, bulge, x1 = s[1], s[3], 0.0
     for _ in range(8):
+        xa, gx, va, gv = end_motion(io, s[0], bulge)
         wanted, slope = _force(p, xa + gx * end)
         change = (wanted - end) / (1.0 - gx * slope)
         end += change
-        turn = p[0] * p[1] * gx * change
-        if turn * turn < 1e-13:
+        x1 = xa + gx * end
+        half, _ = middle_motion(io, x1, va + gv * end)
+        middle, _ = _force(p, half)
+        more = bulge_of(s[0], middle, end) - bulge
+        bulge += more
+        # What another round would change: quadratic in the end force, linear in the bulge.
+        turn, drift = p[0] * p[1] * gx * change, p[0] * p[1] * io[GX] * more
+        if turn * turn < 1e-10 and abs(drift) < 1e-6:
             break
-    s[1], s[2] = end, xa + gx * end
-    set_line(io, s[0], end)
+    s[1], s[2], s[3] = end, x1, bulge
+    set_curve(io, s[0], end, bulge)
 
 
 class Cogging(Effect):
@@ -80,7 +88,7 @@ class Cogging(Effect):
         return [2 * np.pi / values["period"], float(len(pairs)), *parts]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0, 0.0, np.inf]
+        return [0.0, 0.0, np.inf, 0.0]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         amplitudes = np.hypot(packed[2::2], packed[3::2])

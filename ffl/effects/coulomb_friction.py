@@ -17,7 +17,9 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         s[0] = s[1]
         return
     level = p[0]
-    rests = set_friction(io, s[0] != 0.0, (level, level), (level, level), level, level)
+    rests = set_friction(
+        io, s[0] != 0.0, (level, level, level), (level, level, level), level, level
+    )
     s[1] = 1.0 if rests else 0.0
 
 

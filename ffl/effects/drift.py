@@ -9,7 +9,7 @@ from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import FIRST, STEP, TIME
-from ffl.effects.solve import set_curve
+from ffl.effects.solve import bulge_of, set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -30,7 +30,8 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
     if io[FIRST] == 0.0:
         return
     t, h = io[TIME], io[STEP]
-    set_curve(io, _force(p, t), _force(p, t + 0.5 * h), _force(p, t + h))
+    first, last = _force(p, t), _force(p, t + h)
+    set_curve(io, first, last, bulge_of(first, _force(p, t + 0.5 * h), last))
 
 
 class Drift(Effect):

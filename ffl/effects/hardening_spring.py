@@ -6,27 +6,30 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import X0
-from ffl.effects.solve import end_motion, set_line
+from ffl.effects.solve import bulge_of, end_motion, middle_motion, set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: cubic_coefficient, centre; s: end force (iterate)."""
+    """p: cubic_coefficient, centre; s: end force and bulge (iterates)."""
     away = io[X0] - p[1]
     start = -p[0] * away * away * away
-    xa, gx, _, _ = end_motion(io, start)
-    force = s[0]
-    for _ in range(12):
+    force, bulge = s[0], s[1]
+    for _ in range(16):
+        xa, gx, va, gv = end_motion(io, start, bulge)
         away = xa + gx * force - p[1]
         error = force + p[0] * away * away * away
-        following = force - error / (1.0 + 3.0 * p[0] * away * away * gx)
-        done = abs(following - force) <= 1e-13 * abs(force)
-        force = following
-        if done:
+        change = -error / (1.0 + 3.0 * p[0] * away * away * gx)
+        force += change
+        half, _ = middle_motion(io, xa + gx * force, va + gv * force)
+        away = half - p[1]
+        more = bulge_of(start, -p[0] * away * away * away, force) - bulge
+        bulge += more
+        if abs(change) + abs(more) <= 1e-12 * (abs(start) + abs(force)):
             break
-    s[0] = force
-    set_line(io, start, force)
+    s[0], s[1] = force, bulge
+    set_curve(io, start, force, bulge)
 
 
 class HardeningSpring(Effect):
@@ -43,7 +46,7 @@ class HardeningSpring(Effect):
     needs_mass = False
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0]
+        return [0.0, 0.0]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         centres = motion.middle + motion.span * np.array([0.0, -0.5, -0.25, 0.25, 0.5])

@@ -18,7 +18,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         s[0] = bouc_wen_step(s[0], io[X1] - io[X0], p[1], p[2], p[3])
         return
     start = -p[0] * s[0]
-    xa, gx, _, _ = end_motion(io, start)
+    xa, gx, _, _ = end_motion(io, start, 0.0)
     low, high, force = -2.0 * p[0], 2.0 * p[0], s[1]
     for _ in range(60):
         z1 = bouc_wen_step(s[0], xa + gx * force - io[X0], p[1], p[2], p[3])

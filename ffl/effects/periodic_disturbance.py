@@ -7,7 +7,7 @@ import numpy as np
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import FIRST, STEP, TIME
 from ffl.effects.periods import sine_pair
-from ffl.effects.solve import set_curve
+from ffl.effects.solve import bulge_of, set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -18,9 +18,8 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         return
     start = 2.0 * np.pi * p[1] * io[TIME] + p[2]
     turn = np.pi * p[1] * io[STEP]
-    set_curve(
-        io, p[0] * np.sin(start), p[0] * np.sin(start + turn), p[0] * np.sin(start + 2.0 * turn)
-    )
+    first, last = p[0] * np.sin(start), p[0] * np.sin(start + 2.0 * turn)
+    set_curve(io, first, last, bulge_of(first, p[0] * np.sin(start + turn), last))
 
 
 class PeriodicDisturbance(Effect):

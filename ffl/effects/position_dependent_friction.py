@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import COMMIT, X0, X1
-from ffl.effects.solve import set_friction
+from ffl.effects.law import COMMIT, V1, X0, X1
+from ffl.effects.solve import middle_motion, set_friction
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -45,7 +45,10 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         return
     plus, minus = _levels(p, io[X0])
     plus_end, minus_end = _levels(p, io[X1])
-    rests = set_friction(io, s[0] != 0.0, (plus, plus_end), (minus, minus_end), plus, minus)
+    x, _ = middle_motion(io, io[X1], io[V1])
+    plus_half, minus_half = _levels(p, x)
+    up, down = (plus, plus_half, plus_end), (minus, minus_half, minus_end)
+    rests = set_friction(io, s[0] != 0.0, up, down, plus, minus)
     s[1] = 1.0 if rests else 0.0
 
 

@@ -11,12 +11,15 @@ from ffl.systems.state_space import Array
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: linear_coefficient, quadratic_coefficient, centre. The gain runs straight over the step."""
+    """p: linear_coefficient, quadratic_coefficient, centre. The gain follows the motion at the
+    velocity of the start."""
     away = io[X0] - p[2]
     start = 1.0 + p[0] * away + p[1] * away * away
-    away += io[STEP] * io[V0]
+    away += 0.5 * io[STEP] * io[V0]
+    half = 1.0 + p[0] * away + p[1] * away * away
+    away += 0.5 * io[STEP] * io[V0]
     end = 1.0 + p[0] * away + p[1] * away * away
-    mean, slope = 0.5 * (start + end), 0.5 * (end - start)
+    mean, slope = (start + 4.0 * half + end) / 6.0, 0.5 * (end - start)
     u, u_slope = io[MEAN], io[SLOPE]
     io[MEAN] = mean * u + slope * u_slope / 3.0
     io[SLOPE] = mean * u_slope + slope * u

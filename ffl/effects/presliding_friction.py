@@ -33,7 +33,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
     z0, v0 = s[0], io[V0]
     if io[FIRST] != 0.0:
         s[1] = -(p[1] * z0 + p[2] * (v0 - abs(v0) * z0 * p[1] / p[0]))
-    xa, gx, va, gv = end_motion(io, s[1])
+    xa, gx, va, gv = end_motion(io, s[1], 0.0)
     most = 2.0 * (p[0] + p[2] * (abs(va) + abs(v0)) + abs(s[1]))
     low, high, force = -most, most, min(max(s[2], -most), most)
     for _ in range(60):

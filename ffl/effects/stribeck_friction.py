@@ -26,16 +26,17 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
     v0 = 0.0 if s[0] != 0.0 else io[V0]
     direction = 1.0 if v0 > 0.0 or (v0 == 0.0 and io[V1] > 0.0) else -1.0
     start = _level(p, abs(v0))
-    end = start
+    middle, end = start, start
     for _ in range(8):  # the level at the end depends on the velocity that it leaves there
-        v1 = io[V1] - direction * io[GV] * 0.5 * (start + end)
+        v1 = io[V1] - direction * io[GV] * (start + 4.0 * middle + end) / 6.0
+        middle = _level(p, max(0.5 * direction * (v0 + v1), 0.0))
         following = _level(p, max(direction * v1, 0.0))
         done = abs(following - end) <= 1e-9 * end
         end = following
         if done:
             break
     static = _level(p, 0.0)
-    line, back = (start, end), (static, static)
+    line, back = (start, middle, end), (static, static, static)
     rests = (
         set_friction(io, s[0] != 0.0, line, back, static, static)
         if direction > 0.0

@@ -90,7 +90,7 @@ ORACLE = {
     "position_dependent_friction": (
         {"table": {"grid": GRID, "positive": UP, "negative": DOWN}},
         Case(levels=lambda x, v: (np.interp(x, GRID, UP), np.interp(x, GRID, DOWN))),
-        4e-5,
+        3e-5,
     ),
     "constant_load": ({"force": -3.0}, Case(force=lambda t, x, v, z: -3.0), 1e-12),
     "cogging": (
@@ -100,7 +100,7 @@ ORACLE = {
                 3 * np.sin(TURN * x / 0.005 + 0.3) + 0.5 * np.sin(2 * TURN * x / 0.005 + 0.1)
             )
         ),
-        2e-4,
+        1e-6,
     ),
     "linear_stiffness": (
         {"stiffness": 1000.0, "centre": 0.01},
@@ -110,7 +110,7 @@ ORACLE = {
     "hardening_spring": (
         {"cubic_coefficient": 1e6, "centre": 0.001},
         Case(force=lambda t, x, v, z: -1e6 * (x - 0.001) ** 3),
-        4e-5,
+        2e-9,
     ),
     "position_dependent_gain": (
         {"linear_coefficient": 10.0, "quadratic_coefficient": -100.0, "centre": 0.01},
@@ -120,7 +120,7 @@ ORACLE = {
     "quadratic_drag": (
         {"coefficient": 50.0},
         Case(force=lambda t, x, v, z: -50 * v * abs(v)),
-        3e-5,
+        2e-8,
     ),
     "backlash": ({"gap": 1e-4}, Case(sense=play(1e-4)), 1e-11),
     "hysteresis": (
