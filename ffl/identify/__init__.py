@@ -1,5 +1,6 @@
 """Identification: inverse systems from data, with what is known of their uncertainty."""
 
+from ffl.identify.bayes import Algorithm1Inverse, DirectBayesianInverse
 from ffl.identify.closed_loop import InstrumentalInverse, ParametricInverse
 from ffl.identify.evidence import Evidence, maximise_evidence, regularised
 from ffl.identify.fir import KernelInverse, LeastSquaresInverse
@@ -12,7 +13,9 @@ from ffl.identify.two_stage import TwoStageInverse
 
 __all__ = [
     "KERNELS",
+    "Algorithm1Inverse",
     "Band",
+    "DirectBayesianInverse",
     "Edges",
     "Evidence",
     "IdentifiedInverse",
