@@ -3,8 +3,8 @@
 An `Effect` is a stateless object in the dict `EFFECTS`; a plant file's `[[effects]]` entry is an
 `EffectSpec` (name, parameters, options) that it gives meaning to. One effect serves
 
-simulation  `law` (how it acts in a step, see `ffl.effects.law`), with `pack`, `initial_state`
-            and `stiffness`; or `modify`, for what belongs to the linear part (mass,
+simulation  `law` (how it acts in a step, see `ffl.effects.law`), with `pack`, `initial_state`,
+            `stiffness` and `weakening`; or `modify`, for what belongs to the linear part (mass,
             damping, stiffness, a mode), which then costs nothing in the kernel;
 diagnosis   `grid` (values of the non-linear parameters worth trying, from the data), `regressors`
             (signals, linear in the rest), `from_coefficients` (fitted coefficients to parameters),
@@ -234,6 +234,11 @@ class Effect:
         many sub-steps a sample is cut into."""
         return 0.0
 
+    def weakening(self, packed: Sequence[float]) -> float:
+        """Largest fall of the force per velocity, input unit s / output unit: friction that falls
+        with speed runs away within a step if the step is long."""
+        return 0.0
+
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
@@ -263,6 +268,10 @@ class Effect:
         """The arguments of `regressors` that belong to these parameters: what the coefficients of
         `from_coefficients` leave out."""
         return {p.name: values[p.name] for p in self.parameters if not p.linear}
+
+    def coefficients_of(self, values: Parameters) -> Array:
+        """The coefficients of `regressors` for these parameters: `from_coefficients` backwards."""
+        return np.array([float(values[p.name]) for p in self.parameters if p.linear])
 
     # --- feedforward -----------------------------------------------------------------------------
 

@@ -66,6 +66,9 @@ class StribeckFriction(Effect):
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]
 
+    def weakening(self, packed):  # type: ignore[no-untyped-def]
+        return np.sqrt(2.0 / np.e) * (packed[1] - packed[0]) / packed[2]
+
     def check(self, spec):  # type: ignore[no-untyped-def]
         values = super().check(spec)
         self.require(
@@ -88,6 +91,13 @@ class StribeckFriction(Effect):
         coulomb = max(float(coefficients[0]), 0.0)
         static = coulomb + max(float(coefficients[1]), 0.0)
         return {"coulomb_level": coulomb, "static_level": static, **nonlinear}
+
+    def nonlinear_of(self, values: Parameters) -> dict[str, float]:
+        return {"stribeck_velocity": values["stribeck_velocity"]}
+
+    def coefficients_of(self, values: Parameters) -> Array:
+        coulomb = values["coulomb_level"]
+        return np.array([coulomb, values["static_level"] - coulomb])
 
     def says(self, values: Parameters, plant: Plant) -> str:
         return (

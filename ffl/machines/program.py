@@ -21,6 +21,8 @@ from ffl.systems.state_space import Array
 
 STEP_ANGLE = 0.3  # a sub-step is short enough for the stiffest effect to turn by less (rad)
 MODE_ANGLE = 0.4  # the same for the first mode, where dry friction excites it
+FALL = 0.15  # and for friction that falls with speed to change the velocity by this share of it
+MOST_FALL_STEPS = 8
 MOST_SUBSTEPS = 64
 
 Side = tuple[str, float | None]
@@ -97,7 +99,7 @@ class Compiler:
 
     def _substeps(self, actors: Sequence[_Actor], points: Sequence[Point]) -> int:
         """Sub-steps of a sample, short enough for the stiffest force and for friction on a mode."""
-        stiffest = 0.0
+        stiffest, weakest = 0.0, 0.0
         for actor in actors:
             if actor.port != "force":
                 continue
@@ -109,12 +111,14 @@ class Compiler:
                     "side, or an effect on the command or the sensor"
                 )
             stiffest = max(stiffest, actor.effect.stiffness(actor.packed) * max(mobility, 0.0))
+            weakest = max(weakest, actor.effect.weakening(actor.packed) * max(mobility, 0.0))
         angle = np.sqrt(stiffest) / STEP_ANGLE
         modes = self._mechanics.modes
         if len(modes) > 1 and any(actor.effect.switches for actor in actors):
             angle = max(angle, np.sqrt(abs(modes[1].stiffness)) / MODE_ANGLE)
         steps = np.ceil(angle * self._plant.sample_time)
-        return int(np.clip(steps, 1, MOST_SUBSTEPS))
+        falls = np.ceil(weakest * self._plant.sample_time / FALL)
+        return int(np.clip(max(steps, min(falls, MOST_FALL_STEPS)), 1, MOST_SUBSTEPS))
 
 
 class Points:
