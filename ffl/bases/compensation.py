@@ -76,6 +76,12 @@ class Compensation(Basis):
         return list(self._names)
 
     @property
+    def theta(self) -> Array:
+        """The weights that the plant file's own parameters give."""
+        parts = [effect.coefficients_of(effect.check(spec)) for spec, effect, _ in self._effects]
+        return np.concatenate(parts)
+
+    @property
     def preview(self) -> int:
         return -1
 

@@ -109,6 +109,10 @@ class Cogging(Effect):
     def nonlinear_of(self, values: Parameters) -> dict[str, float]:
         return {"period": values["period"], "harmonics": len(harmonics(values))}
 
+    def coefficients_of(self, values: Parameters) -> Array:
+        pairs = harmonics(values)
+        return np.array([a * turn(phi) for a, phi in pairs for turn in (np.cos, np.sin)])
+
     def says(self, values: Parameters, plant: Plant) -> str:
         more = len(harmonics(values)) - 1
         tail = f", with {more} more harmonic{'s' if more > 1 else ''}" if more else ""

@@ -36,6 +36,9 @@ class LinearStiffness(Effect):
         centre = float(coefficients[1]) / stiffness if stiffness > 0 else 0.0
         return {"stiffness": stiffness, "centre": centre}
 
+    def coefficients_of(self, values: Parameters) -> Array:
+        return values["stiffness"] * np.array([1.0, values["centre"]])
+
     def says(self, values: Parameters, plant: Plant) -> str:
         return (
             f"A spring of {self.quantity(values, 'stiffness', plant)} pulls towards "

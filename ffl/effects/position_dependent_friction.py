@@ -131,6 +131,11 @@ class PositionDependentFriction(Effect):
         knots = 1 + np.ceil((grid[-1] - grid[0]) / np.diff(grid).min() - 1e-6)
         return {"knots": float(knots), "low": float(grid[0]), "high": float(grid[-1])}
 
+    def coefficients_of(self, values: Parameters) -> Array:
+        table, knots = values["table"], _grid(self.nonlinear_of(values))
+        sides = ("positive", "negative")
+        return np.concatenate([np.interp(knots, table["grid"], table[key]) for key in sides])
+
     def says(self, values: Parameters, plant: Plant) -> str:
         table = values["table"]
         levels = np.array([table["positive"], table["negative"]])

@@ -111,6 +111,7 @@ def test_every_effect_reads_its_own_parameters_back(name):
     values = effect.from_coefficients(coefficients, nonlinear)
     spec = EffectSpec(name, values)
     again = effect.compensation(motion, **effect.nonlinear_of(effect.check(spec)))
+    assert effect.coefficients_of(effect.check(spec)) == pytest.approx(coefficients)
     assert again == pytest.approx(-columns, rel=1e-9, abs=1e-12)
 
 
