@@ -195,6 +195,20 @@ def test_seed_and_jobs_are_checked(write_campaign, refuse):
     refuse("run", path, "--jobs", "0", says="jobs = 0")
 
 
+def test_a_run_that_cannot_be_completed_is_exit_1(write_campaign, tmp_path, capfd):
+    path = write_campaign(duration=4.0)
+    plant = tmp_path / "machine.toml"
+    change = '[[effects]]\nname = "mass_change"\nparameters = { change = -0.95 }\n'
+    plant.write_text(plant.read_text() + "[physics]\nmass = 10.0\nmotor_constant = 1.0\n" + change)
+    assert execute(["run", str(path), "--out", str(tmp_path / "out")]) == 1
+    captured = capfd.readouterr()
+    assert len(captured.err.splitlines()) == 1
+    assert "diverged" in captured.err
+    assert captured.out == ""
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert {run["status"] for run in results["runs"]} == {"diverged"}
+
+
 def test_run_report_export_inspect_rerun(write_campaign, tmp_path, capfd, monkeypatch, refuse):
     monkeypatch.chdir(tmp_path)
     assert execute(["run", str(write_campaign()), "--quiet"]) == 0

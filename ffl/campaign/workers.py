@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 
 from ffl.campaign.config import Campaign
@@ -36,13 +37,25 @@ def die_with_parent() -> None:
         threading.Thread(target=watch, daemon=True).start()
 
 
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """A process started here ignores Ctrl-C from its first instruction: the parent decides."""
+    if threading.current_thread() is not threading.main_thread():  # may not touch signals
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 Job = tuple[str, Trial | None, bool]
 
 
 def _work(campaign: Campaign, link: Connection) -> None:
     """Runs jobs until None comes; sends (kind, event) and goes on when the parent has stored it."""
     die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     while (job := link.recv()) is not None:
         try:
             for event in run_trials(campaign, *job):
@@ -72,7 +85,8 @@ def events(campaign: Campaign, jobs: list[Job], n_workers: int) -> Iterator[tupl
         for _ in range(min(n_workers, len(jobs))):
             link, far = context.Pipe()
             process = context.Process(target=_work, args=(campaign, far), daemon=True)
-            process.start()
+            with _deaf_to_interrupts():
+                process.start()
             far.close()
             processes.append(process)
             job = waiting.pop()

@@ -15,6 +15,8 @@ from ffl.cli import learning, identification, challenge  # noqa: E402, F401  # i
 from ffl.cli.app import app  # noqa: E402
 from ffl.errors import InputError, WorkError  # noqa: E402
 
+INTERRUPTED = 130
+
 
 def _fail(message: str, code: int) -> int:
     print(" ".join(f"ffl: {message}".split()), file=sys.stderr)
@@ -29,13 +31,15 @@ def execute(args: list[str]) -> int:
     try:
         code = app(args=args or ["--help"], prog_name="ffl", standalone_mode=False)
         sys.stdout.flush()
+        if code == INTERRUPTED:  # the parser's way of saying Ctrl-C
+            raise KeyboardInterrupt
         return code if isinstance(code, int) else 0
     except InputError as error:
         return _fail(str(error), 2)
     except WorkError as error:
         return _fail(str(error), 1)
     except KeyboardInterrupt:
-        return _fail("interrupted; what is complete stays on disk", 130)
+        return _fail("interrupted; what is complete stays on disk", INTERRUPTED)
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

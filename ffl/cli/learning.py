@@ -29,7 +29,7 @@ def run(
     outcome = run_with_report(load_campaign(campaign, seed), out, jobs, resume, quiet)
     if json:
         print_json(outcome.results)
-    else:
+    elif any(entry["error_norm"] for entry in outcome.results["runs"]):
         from ffl.report.learning import print_summary
 
         print_summary([outcome.folder])

@@ -197,11 +197,23 @@ def test_resume_after_sigkill_equals_the_undisturbed_run(write_campaign, tmp_pat
     assert stable(tmp_path / "killed") == stable(tmp_path / "whole")
 
 
-def test_interrupt_leaves_what_is_complete(write_campaign, tmp_path):
-    process = start(write_campaign(trials=500, duration=2.0), tmp_path / "out")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_interrupt_leaves_what_is_complete(write_campaign, tmp_path, jobs):
+    file = write_campaign(trials=500, duration=2.0)
+    command = [sys.executable, "-m", "ffl.cli", "run", str(file), "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(
+        [*command, "--jobs", str(jobs)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     assert wait_for(lambda: trials_in(tmp_path / "out" / "derivatives.h5") >= 2)
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    with process.stderr:
+        said = process.stderr.read()
     assert process.wait(30) == 130
+    assert said == "ffl: interrupted; what is complete stays on disk\n"
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     norms = {run["name"]: run["error_norm"] for run in results["runs"]}
     assert len(norms["derivatives"]) == trials_in(tmp_path / "out" / "derivatives.h5")

@@ -1,0 +1,43 @@
+import io
+import sys
+
+import pytest
+
+from ffl.report import terminal
+
+
+class Screen(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_table_sets_numbers_right(capsys):
+    terminal.print_table(["run", "error"], [["fir", 0.039412], ["obf", 2.0], ["free", None]])
+    assert capsys.readouterr().out.splitlines() == [
+        "run     error",
+        "----  -------",
+        "fir   0.03941",
+        "obf         2",
+        "free",
+    ]
+
+
+@pytest.mark.parametrize(("patience", "shown"), [(0.0, True), (60.0, False)])
+def test_a_bar_appears_once_it_takes_long(patience, shown, monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(terminal, "PATIENCE", patience)
+    with terminal.progress("learning", 10) as advance:
+        advance(1, "first")
+        advance(2, "second")
+    assert ("learning" in screen.getvalue()) is shown
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_no_bar_where_nobody_looks(quiet, monkeypatch):
+    screen = Screen() if quiet else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(terminal, "PATIENCE", 0.0)
+    with terminal.progress("learning", 10, quiet) as advance:
+        advance(1, "first")
+    assert screen.getvalue() == ""
