@@ -21,7 +21,7 @@ from ffl.diagnose.search import Judged, Step, contest
 from ffl.diagnose.trials import Trial, prepare
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
-from ffl.recordings import Recording
+from ffl.recordings import Recording, shared_clock
 from ffl.systems.plant import Plant
 from ffl.systems.plant_file import plant_from_dict, plant_to_dict
 
@@ -68,7 +68,7 @@ def diagnose(
     else:
         trials, judging = _blocks(base, recordings, prior.sensor)
         notes.append("no validation recording was given: the last 30 % of each recording judged")
-    scene = Scene(model.loop, trials, prior, floor)
+    scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     nominal = Model(base)
     residuals = scene.residuals(nominal)
     if residuals is None:

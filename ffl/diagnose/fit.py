@@ -29,6 +29,7 @@ class Scene:
     trials: tuple[Trial, ...]
     noise: Noise
     floor: float = 0.0
+    free_clocks: bool = False  # the recordings' clocks overlap: their offsets are unknown
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:

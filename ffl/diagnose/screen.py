@@ -226,6 +226,8 @@ class Screen:
             columns = self.through(
                 place, [self._columns(effect, m, nonlinear, place) for m in motions]
             )
+            if effect.scan == "time" and self.scene.free_clocks:
+                columns = _apart(columns, [len(m.t) for m in motions])
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             worth = gain - PER_COLUMN * columns.shape[1]
             if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
@@ -234,7 +236,9 @@ class Screen:
                 continue
             if gain <= 0.0:
                 continue
-            values = effect.from_coefficients(coefficients, nonlinear)
+            values = effect.from_coefficients(
+                coefficients[: effect_columns(effect, coefficients)], nonlinear
+            )
             chosen = {key: values.pop(key) for key in list(values) if key in effect.options}
             spec = EffectSpec(effect.name, values, {**place.options, **chosen})
             best = Candidate(spec, gain, columns.shape[1], place)
@@ -247,6 +251,21 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
+
+
+def effect_columns(effect: Effect, coefficients: Array) -> int:
+    """Coefficients that belong to the first recording where every one has its own phase."""
+    return 2 if effect.scan == "time" else len(coefficients)
+
+
+def _apart(columns: Array, lengths: Sequence[int]) -> Array:
+    """Columns of their own for every recording."""
+    out = np.zeros((len(columns), columns.shape[1] * len(lengths)))
+    at, k = 0, columns.shape[1]
+    for i, n in enumerate(lengths):
+        out[at : at + n, i * k : (i + 1) * k] = columns[at : at + n]
+        at += n
+    return out
 
 
 def _joined(motions: Sequence[Motion]) -> Motion:

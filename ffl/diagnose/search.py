@@ -18,7 +18,7 @@ import numpy as np
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen
-from ffl.diagnose.starts import with_starts
+from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -46,6 +46,7 @@ class Judged:
     fitted: float
     held_out: float
     held_white: Array
+    held: Scene | None = None
 
     @property
     def model(self) -> Model:
@@ -66,7 +67,10 @@ class Judged:
 
 def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> Judged:
     """Fits `model` under the scene's noise, then under its own, and scores it."""
+    scene = with_clocks(scene, model, 1)
     first = fit(scene, model, rounds=rounds)
+    if held is not None and held.free_clocks and first.status != "diverged":
+        held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
     quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
     if first.status == "diverged":
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
@@ -81,7 +85,7 @@ def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> J
     residuals = _raw(scene, first.model)
     own = scene.with_noise_of(residuals)
     white = own.whiten(residuals)
-    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first.model))
+    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first.model), held)
 
 
 def _raw(scene: Scene, model: Model) -> list[Array]:
@@ -171,7 +175,9 @@ def contest(
             return base, steps, held
         screened = Screen(quiet, base.fit).candidates()
         rivals = []
-        least = FAINT if steps else FAINT / 2  # what hides in the noise of the first round may be faint
+        least = (
+            FAINT if steps else FAINT / 2
+        )  # what hides in the noise of the first round may be faint
         fresh = [c for c in screened if c.spec.name not in base.model.names and c.gain > least]
         for c in shortlist(fresh):
             rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), rounds=6)
@@ -191,13 +197,16 @@ def contest(
         if accepted is None:
             return base, steps, held
         standing = accepted
+        scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
+        held = accepted.held
 
 
 LADDERS = {  # where the cost is not convex: the parameter, and factors on what the screen proposes
     "backlash": ("gap", np.geomspace(0.02, 50.0, 16)),
     "presliding_friction": ("stiffness", np.geomspace(0.05, 20.0, 7)),
     "hysteresis": ("displacement", np.geomspace(0.2, 5.0, 5)),
-    "saturation": ("limit", np.linspace(0.7, 1.25, 8)),
+    "saturation": ("limit", np.linspace(0.8, 1.2, 15)),
+    "sensor_nonlinearity": ("level", np.linspace(0.93, 1.07, 15)),
     "dead_zone": ("half_width", np.geomspace(0.3, 3.0, 6)),
     "flexible_mode": ("mass_fraction", np.geomspace(0.2, 5.0, 5)),
 }

@@ -66,3 +66,27 @@ def _spread(trial: Trial, model: Model) -> np.ndarray:
     out[: min(n, len(values))] = values[:n]
     small = 1e-9 * max(float(np.abs(trial.start).max()), 1e-12)
     return np.maximum(out, small)
+
+
+def with_clocks(scene: Scene, model: Model, from_trial: int) -> Scene:
+    """The scene with the unknown clock offsets of trials `from_trial` onwards fitted to the model's
+    periodic disturbance: its phase in each recording is free, frequency and amplitude are not."""
+    names = [e.name for e in model.effects]
+    if not scene.free_clocks or "periodic_disturbance" not in names:
+        return scene
+    index = names.index("periodic_disturbance")
+    period = 1.0 / float(model.effects[index].parameters["frequency"])
+    quiet = model.without(index)
+    trials = list(scene.trials[:from_trial])
+    for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
+        plain = quiet.simulate(trial).y
+        sine = model.simulate(trial).y - plain
+        quarter = replace(trial, start_time=trial.start_time + 0.25 * period)
+        cosine = model.simulate(quarter).y - plain
+        table = whitener(np.column_stack([sine, cosine, trial.y - plain]))
+        if np.all(np.isfinite(table)):
+            a, b = np.linalg.lstsq(table[:, :2], table[:, 2], rcond=None)[0]
+            turn = np.arctan2(b, a) / (2 * np.pi)
+            trial = replace(trial, start_time=trial.start_time + turn * period)
+        trials.append(trial)
+    return replace(scene, trials=tuple(trials))

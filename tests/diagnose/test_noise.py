@@ -75,7 +75,9 @@ def test_unknown_start_is_absorbed(stage):  # type: ignore[no-untyped-def]
     n = system.order
     start = np.zeros(n)
     start[:2] = 1e-3 * np.abs(np.random.default_rng(1).standard_normal(2)) / np.abs(system.c[0][:2])
-    free = np.array([(system.c[0] @ np.linalg.matrix_power(system.a, k) @ start) for k in range(400)])
+    free = np.array(
+        [(system.c[0] @ np.linalg.matrix_power(system.a, k) @ start) for k in range(400)]
+    )
     doubt = np.outer(start, start)
     sure, unsure = Whitener.of(stage.loop, TRUE), Whitener.of(stage.loop, TRUE, doubt)
     assert np.sum(unsure(free) ** 2) < 3.0 < np.sum(sure(free) ** 2)
