@@ -66,7 +66,7 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
     """`mechanics` with the named changes; itself where all are zero."""
     if not any(values.values()):
         return mechanics
-    a, b, c, d = np.array(mechanics.a), mechanics.b, mechanics.c, mechanics.d
+    a, b, d = np.array(mechanics.a), mechanics.b, mechanics.d
     if "gain" in values:
         factor = 1.0 + values["gain"]
         fast = mechanics.fast

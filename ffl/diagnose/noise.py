@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import scipy.optimize
@@ -15,7 +16,6 @@ import scipy.signal
 
 from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
-
 
 SLOWEST = 1.0  # Hz: lowest corner of coloured noise; what is slower is physics
 LOUDEST = 2.5  # most coloured noise beside the white: a louder one would pass friction for noise
@@ -116,7 +116,7 @@ def spectrum(residuals: Sequence[Array], sample_time: float, quantile: float | N
         edges.append(max(edges[-1] + 1, round(edges[-1] * 1.12)))
     edges[-1] = min(edges[-1], len(frequencies) - 1)
     out_f, out_p, out_w = [], [], []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         cell = table[low:high]
         if quantile is None:
             level = float(np.mean(cell))
