@@ -145,7 +145,7 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
     Raises `InputError` naming file, key and mend; an unknown key comes with a suggestion.
     """
     path = Path(name_or_path)
-    if not path.exists() and path.suffix == "" and len(path.parts) == 1:
+    if not path.is_file() and path.suffix == "" and len(path.parts) == 1:
         folder = shipped_plants() / "maps"
         path = folder / f"{name_or_path}.toml"
         if not path.exists():
