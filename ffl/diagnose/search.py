@@ -140,7 +140,10 @@ def shortlist(candidates: Sequence[Candidate], depth: int = SHORTLIST) -> list[C
     top = ranked[0].gain
     chosen = [c for c in ranked[:depth] if c.gain > WORTH_A_FIT * top]
     names = {c.spec.name for c in chosen}
-    for c in list(chosen[:2]):
+    for c in list(chosen[:2]):  # the same physics at another point of the machine
+        elsewhere = [o for o in candidates if o.spec.name == c.spec.name and o is not c]
+        chosen += [o for o in elsewhere if o.gain > 0.4 * c.gain]
+    for c in ranked[:2]:
         for sibling in EFFECTS[c.spec.name].siblings:
             if sibling in best and sibling not in names and best[sibling].gain > 0.02 * top:
                 chosen.append(best[sibling])

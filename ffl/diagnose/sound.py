@@ -133,7 +133,7 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
     stated, _, rest = eq.left(eq.u - eq.f - eq.by_r + eq.by_y)
     if stated <= CONSISTENT:
         return stated, None
-    good = max(0.15 * stated, 1e-4)
+    good = min(max(0.15 * stated, 1e-4), 0.05)
 
     def fault(kind: str, where: str, mend: str) -> tuple[float, Fault]:
         return stated, Fault(name, kind, where, mend)
@@ -175,7 +175,7 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
         size = float(np.sqrt(np.mean(part**2))) / eq.size
         if size < best:
             best, at = size, shift
-    if at and best < max(0.3 * stated, 1e-4):
+    if at and best < min(max(0.3 * stated, 1e-4), 0.1):
         word = "late" if at > 0 else "early"
         return fault(
             "shift", "the time base",
