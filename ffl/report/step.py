@@ -161,7 +161,7 @@ def step_page(step: Step, recording: Recording, model: Plant, answer: dict[str, 
             for p in answer["parameters"]
         ],
         "One norm-optimal step, from a state of the loop that is estimated with it. Standard errors "
-        "allow for the residual's autocorrelation"
+        "follow from the residual's spectrum"
         + (
             ". The servo treats reference and output differently, so that it does something of its "
             "own for a reference that is followed perfectly; feedforward first cancels that, and "
