@@ -59,7 +59,8 @@ def figure_4(result: Kernel2018, ax: Axes, limit: float = 1.0) -> Axes:
     ax.set_ylim(-limit, limit)
     ax.set_xlabel("lag k [samples]")
     ax.set_ylabel("$\\theta_k$ [1]")
-    ax.legend(ncols=2)
+    for line in ax.legend(ncols=2).get_lines():
+        line.set(alpha=1.0, linewidth=1.5)
     return ax
 
 
