@@ -97,6 +97,7 @@ class CampaignForm(Strict):
 class StepForm(Strict):
     """What `ffl step --basis` reads: basis and weights as in a run, and what is documented."""
 
+    name: str = ""
     basis: BasisForm
     weights: WeightsForm
     constraints: ConstraintsForm = ConstraintsForm()
