@@ -179,7 +179,23 @@ def balance(point: Point, s: Structure) -> Point:
 
 
 def gramian_factor(a: Array, b: Array) -> Array:
-    """L with L L' = A L L' A' + b b', by Schur form; rounding below zero is cut off."""
-    gramian = scipy.linalg.solve_discrete_lyapunov(a, b @ b.T, method="bilinear")
-    values, vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    """L (n, n) with L L' = sum_k A^k b b' A'^k, the solution of X = A X A' + b b'.
+
+    Doubling (R. A. Smith, SIAM J. Appl. Math. 16 (1968) 198) on the factor itself, compressed by QR
+    each time: nothing is squared, and 2^k terms are summed in k steps.
+    """
+    n = a.shape[0]
+    factor, power = _compressed(b, n), a
+    for _ in range(40):
+        more = power @ factor
+        factor = _compressed(np.hstack([factor, more]), n)
+        if np.abs(more).max(initial=0.0) <= 1e-14 * np.abs(factor).max(initial=0.0):
+            break
+        power = power @ power
+    return factor
+
+
+def _compressed(x: Array, n: int) -> Array:
+    """(n, n) with the same product with its own transpose."""
+    r = np.linalg.qr(x.T, mode="r")
+    return np.vstack([r, np.zeros((n - r.shape[0], n))]).T if r.shape[0] < n else r[:n].T

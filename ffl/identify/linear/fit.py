@@ -124,7 +124,7 @@ def best_linear(
     *,
     method: Literal["auto", "output_error", "prediction_error", "closed_loop"] = "auto",
     controller: Controller | None = None,
-    integrators: Sequence[int] = (0,),
+    integrators: Sequence[int] | None = None,
     delays: Sequence[int] | None = None,
     feedthrough: bool = False,
     offset: Literal["auto", "none", "output", "input"] = "auto",
@@ -138,16 +138,19 @@ def best_linear(
     Every candidate is fitted on all data and, from there, on the data without each of `n_folds`
     contiguous blocks; its error is that of the run through the blocks left out (the first part of a
     recording is never left out: it gives the initial state). Chosen is the candidate with the
-    fewest parameters whose held-out error is within one standard error (paired over blocks) of the
-    best, or within the fraction `tolerance` of it and a thousandth of the output's variance.
-    `delays` None: none, and what `estimate_delay`
-    finds. The rest as in `fit_linear`, all rungs in `ladder`.
+    fewest parameters whose held-out error is within one standard error (paired over blocks) and a
+    tenth of the best, or within the fraction `tolerance` of it and a thousandth of the output's
+    variance.
+    `delays` None: none, and what `estimate_delay` finds; `integrators` None: none in open loop, 0 and
+    1 under feedback. The rest as in `fit_linear`, all rungs in `ladder`.
     """
     pieces = as_signals(recordings, controller)
     kind = _method(method, pieces, controller)
     orders = sorted({int(order) for order in orders})
     if not orders or n_folds < 2:
         raise InputError("orders is empty or n_folds below 2; give orders such as 1 2 3, n_folds 5")
+    if integrators is None:
+        integrators = (0,) if kind == "output_error" else (0, 1)
     if delays is None:
         delays = sorted({0, estimate_delay(pieces, feedthrough)})
     search = _search(pieces, kind, controller, noise, 15, max(orders))
@@ -176,10 +179,15 @@ def best_linear(
             f"{pieces[0].source}: no order of {orders} gave an admissible model with method {kind}; "
             "try method prediction_error or other orders"
         )
-    index, rungs = choose(candidates, tolerance)
-    fitted, problem = problems[index]
-    finished = minimise(problem, fitted.point, max_iterations)
-    return _result(search, search.marked(finished, problem.structure), problem, pieces, rungs)
+    while True:
+        index, rungs = choose(candidates, tolerance)
+        fitted, problem = problems[index]
+        finished = minimise(problem, fitted.point, max_iterations)
+        finished = search.marked(finished, problem.structure)
+        if finished.status != "boundary" or candidates[index].status == "boundary":
+            return _result(search, finished, problem, pieces, rungs)
+        # carried to its end the fit ran onto the stability limit: choose again without it
+        candidates[index] = replace(candidates[index], status="boundary")
 
 
 def _search(

@@ -15,6 +15,7 @@ from ffl.identify.linear.signals import fold_weights
 from ffl.systems.state_space import Array
 
 NEGLIGIBLE = 1e-3  # of the output's variance: what a simpler model may cost at most
+CLOSE = 0.1  # a rung more than this above the best (NRMSE) is not chosen, however few the blocks
 ROUNDING = 1e-18  # of the output's variance: below it every model is exact
 SUB_BLOCKS = 8  # per held-out block, for the paired standard error
 
@@ -56,8 +57,10 @@ def held_out(fitted: Fitted, problem: Problem, n_folds: int) -> Candidate:
 
 
 def choose(candidates: Sequence[Candidate], tolerance: float) -> tuple[int, tuple[Rung, ...]]:
-    """Index of the chosen candidate and all rungs: fewest parameters within one standard error of
-    the best, or within the fraction `tolerance` of its NRMSE and a thousandth of the variance.
+    """Index of the chosen candidate and all rungs.
+
+    Chosen: the fewest parameters within one standard error of the best (and a tenth of its NRMSE),
+    or within the fraction `tolerance` of its NRMSE and a thousandth of the output's variance.
 
     A fit that ended on the stability limit (a pole driven onto the unit circle by what is not
     linear) is shown but not chosen while there is another.
@@ -84,7 +87,8 @@ def choose(candidates: Sequence[Candidate], tolerance: float) -> tuple[int, tupl
         )
         alike = np.sqrt(means[index]) <= (1 + tolerance) * np.sqrt(means[best])
         exact = means[index] <= ROUNDING
-        close = exact or excess <= error or (alike and excess <= NEGLIGIBLE)
+        near = means[index] <= (1.0 + CLOSE) ** 2 * means[best]
+        close = exact or (near and excess <= error) or (alike and excess <= NEGLIGIBLE)
         if index in allowed and close and _size(candidate) < _size(candidates[chosen]):
             chosen = index
     return chosen, tuple(rungs)

@@ -63,7 +63,7 @@ class Search:
         if key not in self._long:
             make = long_arx if kind == "arx" else regularised_fir
             largest = replace(s, order=max(self.largest_order, s.order))
-            self._long[key] = make(self.pieces, largest)
+            self._long[key] = make(_head(self.pieces, TRIAL), largest)
         return self._long[key]
 
     def starts(self, s: Structure, problem: Problem) -> list[Point]:
@@ -103,24 +103,28 @@ class Search:
         starts = [*self.starts(s, trial), *more]
         if self.method == "closed_loop":
             starts += self._from_prediction(s)
-            starts += [self._shoot(problem, start) for start in starts[:1] + starts[-1:]]
         short = [minimise(trial, start, 6, 1e-2) for start in starts]
-        good = [f for f in short if np.isfinite(f.cost)]
-        if not good:
-            return Fitted(starts[0], np.inf, "inadmissible_start", 0), problem
-        best = min(good, key=lambda f: f.cost)
-        best = minimise(problem, best.point, self.max_iterations, self.tolerance)
+        best = min(short, key=lambda f: f.cost)
+        if np.isfinite(best.cost):
+            best = minimise(problem, best.point, self.max_iterations, self.tolerance)
+        if self.method == "closed_loop" and best.status in ("stalled", "inadmissible_start"):
+            again = [self._shoot(problem, start) for start in (starts[0], starts[-1])]
+            found = [minimise(problem, p, self.max_iterations, self.tolerance) for p in again]
+            best = min([best, *found], key=lambda f: f.cost)
+        if not np.isfinite(best.cost):
+            return best, problem
         if self.noise == "autoregressive" and not s.innovation:
             best, problem = self.weighted(problem, best)
         return self.marked(best, s), problem
 
     def marked(self, fitted: Fitted, s: Structure) -> Fitted:
-        """Status `boundary` where a free-running pole hardly decays within the longest record."""
+        """Status `boundary` where a free-running pole decays slower than the longest record lasts:
+        such a mode is a trend that the record cannot tell from a drift."""
         m = s.order - s.integrators
         if self.method != "output_error" or m == 0 or not np.isfinite(fitted.cost):
             return fitted
         radius = np.abs(np.linalg.eigvals(fitted.point.a[:m, :m])).max()
-        limit = 1.0 - 0.5 / max(len(piece) for piece in self.pieces)
+        limit = 1.0 - 1.0 / max(len(piece) for piece in self.pieces)
         return replace(fitted, status="boundary") if radius > limit else fitted
 
     def _shoot(self, problem: Problem, start: Point) -> Point:
