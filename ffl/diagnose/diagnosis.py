@@ -15,6 +15,7 @@ from ffl.diagnose.freeform import FreeForm, free_form
 from ffl.diagnose.line import across_the_line, sizes
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
+from ffl.diagnose.observer import led, needs_observer, with_observer
 from ffl.diagnose.prove import prove, run_plant
 from ffl.diagnose.result import Diagnosis, Finding, ModelCorrection, Number
 from ffl.diagnose.search import Judged, Step, contest
@@ -60,6 +61,16 @@ def diagnose(
     if shortest < SHORTEST:
         return _too_short(model, health, shortest)
     say("checking the recordings: sound")
+    stated, notes = model, []
+    if needs_observer(model):
+        _require_command(everything)
+        notes.append(
+            "the controller is unknown and the plant integrates: predicted through an observer, not in "
+            "free run"
+        )
+        model = with_observer(model)
+        recordings, validation = led(recordings), led(validation)
+        everything = [*recordings, *validation]
     base = Base.of(model)
     prior, floor = _prior(model, base, recordings)
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
@@ -78,7 +89,15 @@ def diagnose(
     standing, steps, judged_by = contest(scene, held, nominal, THRESHOLD, progress=say)
     held = judged_by or held
     standing = across_the_line(standing.scene, held, standing)
-    return _conclude(model, nominal, scene, held, standing, steps, health, notes, rng, say)
+    return _conclude(stated, nominal, scene, held, standing, steps, health, notes, rng)
+
+
+def _require_command(recordings: Sequence[Recording]) -> None:
+    for r in recordings:
+        if not np.all(np.isfinite(r.u)):
+            raise InputError(
+                f"{r.source}: no command u and no [controller] in the plant file; give one of them"
+            )
 
 
 def _require_stable(model: Plant) -> None:
@@ -131,12 +150,14 @@ def _conclude(
     health: sound.Soundness,
     notes: list[str],
     rng: Generator,
-    say: Callable[[str], None],
 ) -> Diagnosis:
-    augmented = plant_from_dict(plant_to_dict(replace(standing.model.plant(), name=model.name)))
-    after = [run_plant(augmented, trial) for trial in held.trials]
+    fitted = replace(standing.model.plant(), name=model.name)
+    running = plant_from_dict(plant_to_dict(fitted))
+    observed = model.controller is None and fitted.controller is not None
+    augmented = replace(running, controller=None) if observed else running
+    after = [run_plant(running, trial) for trial in held.trials]
     judged_held = replace(held, noise=standing.scene.noise)
-    proof = prove(judged_held, nominal, after, standing.scene, rng)
+    proof = prove(judged_held, nominal, after, standing.scene, rng, observed)
     rivals = free_form(standing.scene, held, standing.model)
     structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
     effects = standing.model.effects

@@ -66,9 +66,15 @@ def run_plant(plant: Plant, trial: Trial) -> Simulation:
 
 
 def prove(
-    held: Scene, before: Model, after: Sequence[Simulation], judged: Scene, rng: Generator
+    held: Scene,
+    before: Model,
+    after: Sequence[Simulation],
+    judged: Scene,
+    rng: Generator,
+    observed: bool = False,
 ) -> Proof:
-    """`after`: runs of the augmented plant as its file gives them, one per held-out recording."""
+    """`after`: runs of the augmented plant as its file gives them, one per held-out recording. `observed`:
+    the controller is an observer's, so u is none of its business."""
     trials = held.trials
     first = []
     for trial in trials:
@@ -80,7 +86,7 @@ def prove(
     variance = float(np.mean(density))
     samples = sum(len(t) for t in trials)
     scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in y) / samples))
-    controlled = held.loop.controller is not None
+    controlled = held.loop.controller is not None and not observed
     u_floor = None
     u_before = u_after = None
     if controlled and all(np.all(np.isfinite(a)) for a in u):

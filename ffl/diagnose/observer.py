@@ -1,0 +1,68 @@
+"""Where the controller is unknown and the plant integrates: predict through an observer.
+
+u and y were recorded under a feedback that nobody stated. A free run of an integrating plant from u
+drifts away with the first error, so the simulation is led back to the measured output by a
+controller of our own, u_sim = u + K (y - y_sim): the loop of a known controller K with reference y
+and feedforward u. Everything else, the sensitivities included, is as with a stated controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+
+from ffl.recordings import Recording
+from ffl.systems.loop import Controller
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import StateSpace
+from ffl.systems.zpk import as_state_space
+
+DECAY = 2 * np.pi * 1.0  # 1/s: slowest decay of the observer's loop; faster would follow the noise
+EDGE = 1.0 - 1e-4  # poles beyond this magnitude count as integrating: a free run would remember
+
+
+def needs_observer(model: Plant) -> bool:
+    """An open-loop plant that remembers for thousands of samples."""
+    poles = model.loop.poles
+    return model.controller is None and len(poles) > 0 and float(np.abs(poles).max()) > EDGE
+
+
+def with_observer(model: Plant) -> Plant:
+    """`model` under the gentlest LQG controller that lets no error live longer than 1/DECAY."""
+    p = as_state_space(model.system)
+    scale = np.sqrt(np.abs(np.diag(p.b @ p.b.T)).max())
+    best: Plant | None = None
+    for exponent in np.arange(16.0, -16.0, -0.5):
+        weight = 10.0**exponent * np.linalg.norm(p.c) ** 2 * max(scale, 1e-300) ** 2
+        try:
+            plant = replace(model, controller=_lqg(p, weight, 10.0**exponent))
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        slowest = float(np.abs(plant.loop.poles).max())
+        if slowest < 1.0:
+            best = best or plant
+            if -np.log(slowest) / model.sample_time >= DECAY:
+                return plant
+            best = plant
+    return best or model
+
+
+def _lqg(p: StateSpace, weight: float, ratio: float) -> Controller:
+    c, b = p.c, p.b
+    x = scipy.linalg.solve_discrete_are(p.a, b, c.T @ c, np.array([[weight]]))
+    gain = np.linalg.solve(b.T @ x @ b + weight, b.T @ x @ p.a)
+    measured = float((c @ b @ b.T @ c.T)[0, 0]) or float(np.linalg.norm(c) ** 2)
+    y = scipy.linalg.solve_discrete_are(
+        p.a.T, c.T, b @ b.T, np.array([[max(ratio, 1e-12) * measured]])
+    )
+    inject = p.a @ y @ c.T / float((c @ y @ c.T)[0, 0] + max(ratio, 1e-12) * measured)
+    a = p.a - b @ gain - inject @ (c - p.d @ gain)
+    return Controller.of_error(StateSpace(a, inject, gain, 0.0, p.sample_time))
+
+
+def led(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings as the observer's loop sees them: reference y, feedforward u."""
+    return [replace(r, r=r.y, f=r.u) for r in recordings]
