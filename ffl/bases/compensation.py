@@ -13,6 +13,8 @@ quotients are 1.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
@@ -51,7 +53,8 @@ class Compensation(Basis):
         self._mechanics = mechanics_with_effects(plant)
         probe = Motion.of_reference(np.linspace(0.0, 1.0, 8), self.sample_time)
         self._names: list[str] = []
-        self._effects, self.without = [], []
+        self._effects: list[Any] = []
+        self.without: list[str] = []
         for spec in plant.effects:
             effect = effect_of(spec)
             nonlinear = effect.nonlinear_of(effect.check(spec))
