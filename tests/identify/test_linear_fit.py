@@ -41,13 +41,13 @@ def relative_error(model, truth):
 
 
 CASES = {
-    "open loop, white noise": lambda rng: (open_loop(PLANT, 500, rng, 0.3), {}),
+    "open loop, white noise": lambda rng: (open_loop(PLANT, 300, rng, 0.3), {}),
     "open loop, coloured noise": lambda rng: (
-        open_loop(PLANT, 500, rng, 0.15, Zpk([0.0], [0.9], 0.5, T)),
+        open_loop(PLANT, 300, rng, 0.15, Zpk([0.0], [0.9], 0.5, T)),
         {},
     ),
     "known controller, coloured noise": lambda rng: (
-        in_loop(PLANT, CONTROLLER, 500, rng, 0.1, Zpk([0.3], [0.8], 1.0, T)),
+        in_loop(PLANT, CONTROLLER, 300, rng, 0.1, Zpk([0.3], [0.8], 1.0, T)),
         {"controller": CONTROLLER},
     ),
     "unknown controller": lambda rng: (
@@ -236,7 +236,7 @@ def test_independence_test_keeps_its_level_under_coloured_noise():
     colour = Zpk([0.0], [0.95], 0.3, T)
     p = [
         fit_linear(
-            open_loop(PLANT, 500, np.random.default_rng(s), 0.3, colour), 2
+            open_loop(PLANT, 300, np.random.default_rng(s), 0.3, colour), 2
         ).independence.p_value
         for s in range(40)
     ]
