@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ffl.bases.base import Basis, SumBasis
+from ffl.bases.combination import Combination
 from ffl.bases.compensation import Compensation
 from ffl.bases.derivatives import Derivatives, derivative
+from ffl.bases.filter import Filter
 from ffl.bases.fir import FIR
 from ffl.bases.free import FreeSignal
 from ffl.bases.friction import Friction
@@ -18,7 +20,9 @@ from ffl.systems import Plant
 from ffl.systems.plant_file import suggest
 
 BASES: dict[str, Callable[..., Basis]] = {
+    "combination": Combination,
     "derivatives": Derivatives,
+    "filter": Filter,
     "fir": FIR,
     "free": FreeSignal,
     "friction": Friction,
@@ -73,6 +77,8 @@ def _make_one(
                 f"{where}.{key}: unknown key of basis '{kind}'; {suggest(key, allowed)}"
             )
         arguments[key] = _roots(value, f"{where}.{key}") if key in ("poles", "outside") else value
+    if "basis" in arguments:  # a basis of bases: its own list of tables
+        arguments["basis"] = make_basis(arguments["basis"], sample_time, plant)
     if "plant" in allowed:
         arguments.setdefault("plant", plant)
         if not isinstance(arguments["plant"], Plant):
@@ -102,8 +108,10 @@ __all__ = [
     "FIR",
     "OBF",
     "Basis",
+    "Combination",
     "Compensation",
     "Derivatives",
+    "Filter",
     "FreeSignal",
     "Friction",
     "SumBasis",

@@ -19,6 +19,7 @@ from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant, save_plant
 from ffl.systems.atomic import write_text
 from ffl.systems.plant_file import suggest
+from ffl.systems.toml_text import inline
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Found:
-    """JSON facts, the page, and the plant where a forward model was identified."""
+    """JSON facts, the page, and the plant (forward model) or the basis table (inverse) for a campaign."""
 
     facts: dict[str, Any]
     page: Page
     plant: Plant | None = None
+    basis: dict[str, Any] | None = None
 
 
 def _one(task: Task, method: str) -> Recording:
@@ -77,7 +79,12 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
         "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
         "recording says little: the command had no power there.",
     )
-    return Found(facts, page)
+    return Found(facts, page, basis=_filter(inverse.lags, inverse.theta))
+
+
+def _filter(lags: Any, taps: Any) -> dict[str, Any]:
+    """The identified taps as a basis table of a campaign."""
+    return {"kind": "filter", "first": int(lags[0]), "taps": [float(tap) for tap in taps]}
 
 
 def _least_squares(task: Task) -> Found:
@@ -120,7 +127,7 @@ def _bayes(task: Task) -> Found:
         "Posterior mean and two standard deviations either way; taps before zero act before the "
         "reference does.",
     )
-    return Found(facts, page)
+    return Found(facts, page, basis=_filter(fitted.taps_, fitted.theta_))
 
 
 def _instrumental(task: Task) -> Found:
@@ -150,7 +157,9 @@ def _instrumental(task: Task) -> Found:
         f"the parameters. Weakest instrument: {facts['instrument_strength']:.3g} (near 0: noise "
         "carries that direction).",
     )
-    return Found(facts, page)
+    theta = [float(value) for value in fitted.theta_]
+    inner = load_step(task.basis).basis
+    return Found(facts, page, basis={"kind": "combination", "basis": inner, "theta": theta})
 
 
 def _linear(task: Task) -> Found:
@@ -246,7 +255,7 @@ def identify_with_report(
     orders: Sequence[int] = (1, 2, 3, 4, 5, 6, 7, 8),
     out: Path | None = None,
 ) -> dict[str, Any]:
-    """Identifies, and writes answer.json, report.html (and plant.toml for `linear`) to `out`."""
+    """Identifies, and writes answer.json, report.html and plant.toml (`linear`) or basis.toml to `out`."""
     if method not in METHODS:
         raise InputError(f"identify '{method}': {suggest(method, list(METHODS))}")
     if min(n_ac, n_c) < 0:
@@ -269,5 +278,9 @@ def identify_with_report(
         write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
         if found.plant is not None:
             save_plant(found.plant, out / "plant.toml")
+        if found.basis is not None:  # a line for a campaign's [[runs]], and what `ffl step` reads
+            line = f"basis = {inline([found.basis])}"
+            weights = "weights = { error = 1.0, feedforward = 1e-12 }"
+            write_text(out / "basis.toml", f"{line}\n{weights}\n")
         found.page.write(out / "report.html")
     return answer

@@ -15,7 +15,8 @@ def _key(name: str) -> str:
     return name if BARE_KEY.match(name) else json.dumps(name)
 
 
-def _value(value: Any) -> str:
+def inline(value: Any) -> str:
+    """One value on one line, tables as { ... }."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -23,9 +24,9 @@ def _value(value: Any) -> str:
     if isinstance(value, int):
         return str(value)
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(k)} = {inline(v)}" for k, v in value.items()) + " }"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(inline(item) for item in value) + "]"
     number = float(value)
     if math.isfinite(number):
         return repr(number)
@@ -44,7 +45,7 @@ def to_toml(table: Mapping[str, Any], prefix: str = "") -> str:
         if isinstance(value, Mapping) or (_is_table_array(value) and not prefix):
             later.append((name, value))
         else:
-            lines.append(f"{_key(name)} = {_value(value)}")
+            lines.append(f"{_key(name)} = {inline(value)}")
     text = "\n".join(lines) + ("\n" if lines else "")
     for name, value in later:
         full = f"{prefix}{_key(name)}"
@@ -52,6 +53,6 @@ def to_toml(table: Mapping[str, Any], prefix: str = "") -> str:
             text += f"\n[{full}]\n{to_toml(value, full + '.')}"
             continue
         for item in value:
-            inner = "\n".join(f"{_key(k)} = {_value(v)}" for k, v in item.items())
+            inner = "\n".join(f"{_key(k)} = {inline(v)}" for k, v in item.items())
             text += f"\n[[{full}]]\n{inner}\n"
     return text

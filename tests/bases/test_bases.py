@@ -180,3 +180,36 @@ def test_reference_shorter_than_the_taps_is_refused():
 def test_the_free_signal_never_makes_its_matrix():
     with pytest.raises(InputError, match="riccati"):
         make_basis([{"kind": "free"}], T).regressors(REFERENCE)
+
+
+def test_a_filter_is_its_taps_and_holds_the_ends():
+    basis = make_basis([{"kind": "filter", "first": -1, "taps": [2.0, 3.0, -1.0]}], T)
+    r = np.array([1.0, 1.0, 4.0, 2.0])
+    expected = [2 * 1 + 3 * 1 - 1, 2 * 4 + 3 - 1, 2 * 2 + 3 * 4 - 1, 2 * 2 + 3 * 2 - 4]
+    assert basis.regressors(r)[:, 0] == pytest.approx(expected)
+    f = 7.0
+    t = np.arange(4001) * T
+    phi = basis.regressors(np.sin(2 * np.pi * f * t))[:, 0]
+    wanted = np.imag(np.exp(2j * np.pi * f * t) * basis.response([f])[0, 0])
+    assert np.abs(phi - wanted)[100:-100].max() < 1e-12
+    late = make_basis([{"kind": "filter", "first": 2, "taps": [1.0]}], T)
+    assert late.regressors(r)[:, 0] == pytest.approx([1, 1, 1, 1])
+    assert late.preview == 0
+
+
+def test_a_combination_carries_learned_parameters():
+    inner = {"kind": "fir", "preview": 1, "lag": 1}
+    basis = make_basis([{"kind": "combination", "basis": [inner], "theta": [1.0, -2.0, 0.5]}], T)
+    assert basis.n_parameters == 1
+    expected = make_basis([inner], T).regressors(REFERENCE) @ [1.0, -2.0, 0.5]
+    assert np.array_equal(basis.regressors(REFERENCE)[:, 0], expected)
+    for table, message in (
+        ({"theta": [1.0]}, "wants 3 finite numbers"),
+        ({"theta": [1.0, np.nan, 0.0]}, "wants 3 finite numbers"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make_basis([{"kind": "combination", "basis": [inner], **table}], T)
+    with pytest.raises(InputError, match="taps must be"):
+        make_basis([{"kind": "filter", "taps": []}], T)
+    with pytest.raises(InputError, match="whole number"):
+        make_basis([{"kind": "filter", "taps": [1.0], "first": 0.5}], T)
