@@ -16,7 +16,7 @@ CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "printer_with_missing_physi
 @pytest.fixture(scope="module")
 def told():
     campaign = load_campaign(CAMPAIGN)
-    return story(campaign, draw_effects(0, 180.0, 0.3), 0, before=6, after=4)
+    return story(campaign, draw_effects(0, 180.0, 0.3), 0, before=7, after=5)
 
 
 def test_sizes_are_drawn_from_the_ranges_of_real_printers():
@@ -45,11 +45,11 @@ def test_a_wrong_diagnosis_brings_less():
     true = draw_effects(0, 180.0, 0.3)
 
     def wrong(model, recordings):
-        assert len(recordings) == 3
+        assert len(recordings) == 6
         other = draw_effects(5, 40.0, 0.3)
         return other
 
-    told = story(campaign, true, 0, found=wrong, before=3, after=1)
+    told = story(campaign, true, 0, found=wrong, before=6, after=3)
     assert told.found != told.true
     assert told.drop("held") < 0.6
 
