@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import oaconvolve
 
 from ffl.bases.base import Basis
 from ffl.errors import InputError
@@ -38,6 +37,8 @@ class Filter(Basis):
         return max(0, -self.first)
 
     def regressors(self, reference: ArrayLike) -> Array:
+        from scipy.signal import oaconvolve  # half of a command's start-up time: only where needed
+
         r = np.asarray(reference, float)
         reach = len(self.taps) + abs(self.first)
         held = np.pad(r, reach, mode="edge")
