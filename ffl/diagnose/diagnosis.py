@@ -268,8 +268,13 @@ def _probabilities(name: str, steps: list[Step]) -> dict[str, float]:
     step = _round_of(name, steps)
     if step is None:
         return {name: 0.99}
-    scores = {r.model.names[-1]: r.score for r in step.rivals if np.isfinite(r.score)}
-    top = max(scores.values())
+    assert step.accepted is not None
+    top = step.accepted.score  # who scored higher was turned down for losing on one side
+    scores: dict[str, float] = {}
+    for r in step.rivals:
+        if np.isfinite(r.score) and r.score <= top:
+            scores[r.model.names[-1]] = max(scores.get(r.model.names[-1], -np.inf), r.score)
+    scores[name] = top
     weights = {n: float(np.exp(max(s - top, -700.0))) for n, s in scores.items()}
     total = sum(weights.values()) / 0.995
     return {n: w / total for n, w in weights.items()}

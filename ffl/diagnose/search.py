@@ -29,7 +29,8 @@ PER_NUMBER = (
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
-PASSES = 5  # most changes of noise while one hypothesis is fitted
+MOST_KNOTS = 33
+PASSES = 4  # most changes of noise while one hypothesis is fitted
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 KEEP = 20.0  # score an effect must be worth beside all others
@@ -172,6 +173,7 @@ def contest(
             held = with_starts(replace(held, noise=quiet.noise), standing.model)
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
+        base = refined(quiet, held, base, say)
         if len(base.model.effects) > 1:
             base = settle(quiet, held, base, say)
         if len(steps) == most:
@@ -181,7 +183,8 @@ def contest(
         least = (
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
-        fresh = [c for c in screened if c.spec.name not in base.model.names and c.gain > least]
+        taken = _excluded(base.model)
+        fresh = [c for c in screened if c.spec.name not in taken and c.gain > least]
         for c in shortlist(fresh):
             rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), rounds=6)
             say(
@@ -236,6 +239,49 @@ def with_best_start(scene: Scene, model: Model, spec: EffectSpec) -> Model:
     return rungs[int(np.argmin(costs))]
 
 
+DRY = frozenset(  # forms of one and the same friction: rivals, never company
+    {
+        "coulomb_friction",
+        "asymmetric_friction",
+        "stribeck_friction",
+        "presliding_friction",
+        "hysteresis",
+        "position_dependent_friction",
+    }
+)
+
+
+def _excluded(model: Model) -> set[str]:
+    """Effects that cannot be added: those there, and other forms of the dry friction there."""
+    names = set(model.names)
+    return names | (DRY if names & DRY else set())
+
+
+def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
+    """`judged` with twice the knots in its friction table, as long as that pays."""
+    name = "position_dependent_friction"
+    current = judged
+    while name in current.model.names:
+        index = current.model.names.index(name)
+        spec = current.model.effects[index]
+        table = spec.parameters["table"]
+        grid = np.linspace(table["grid"][0], table["grid"][-1], 2 * len(table["grid"]) - 1)
+        if len(grid) > MOST_KNOTS:
+            break
+        finer = {"grid": grid.tolist()}
+        for key in ("positive", "negative"):
+            finer[key] = np.interp(grid, table["grid"], table[key]).tolist()
+        level = float(np.mean([finer["positive"], finer["negative"]]))
+        effects = list(current.model.effects)
+        effects[index] = replace(spec, parameters={"table": finer, "level": level})
+        other = judge(quiet, held, replace(current.model, effects=tuple(effects)), rounds=4)
+        say(f"  {len(grid)} knots: {other.score - current.score:+.1f}")
+        if other.score < current.score + SUBSTITUTE:
+            break
+        current = other
+    return current
+
+
 def _earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
@@ -256,7 +302,8 @@ def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str]
         if without.score > current.score - KEEP:
             current = without
             continue
-        siblings = [s for s in EFFECTS[name].siblings if s not in current.model.names]
+        taken = _excluded(without.model)
+        siblings = [s for s in EFFECTS[name].siblings if s not in taken]
         screened = Screen(quiet, without.fit).candidates([name, *siblings])
         for c in shortlist([c for c in screened if c.spec.name != name], 2)[:2]:
             other = judge(quiet, held, without.model.with_effect(c.spec), rounds=8)
