@@ -163,6 +163,9 @@ def _conclude(
     effects = standing.model.effects
     excess = _excess(model, standing)
     verdict, place = _verdict(standing, structure, excess)
+    if proof.nrmse_after > UNLIKE:
+        verdict = "inconclusive"
+        place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
     quiet = standing.scene
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
@@ -180,10 +183,10 @@ def _conclude(
         augmented=augmented,
         verdict=verdict,
         place=place,
-        findings=findings if verdict != "unnamed" else (),
+        findings=findings if verdict not in ("unnamed", "inconclusive") else (),
         corrections=_corrections(standing, scene),
         proof=proof,
-        advice=_advice(standing, steps, verdict, findings),
+        advice=_advice(verdict, place, findings),
         soundness=health,
         steps=tuple(steps),
         judged=standing,
@@ -313,7 +316,7 @@ def _nominal_damping(model: Model) -> float:
     return modal_terms(mechanics, mechanics.modes[0])[0] if mechanics.modes else 0.0
 
 
-def _advice(standing: Judged, steps: list[Step], verdict: str, findings: tuple[Finding, ...]):  # type: ignore[no-untyped-def]
+def _advice(verdict: str, place: where.Place, findings: tuple[Finding, ...]) -> tuple[str, ...]:
     from ffl.diagnose.advise import separate
 
     out = []
@@ -321,6 +324,8 @@ def _advice(standing: Judged, steps: list[Step], verdict: str, findings: tuple[F
         near = [name for name, p in finding.alternatives if p > 0.05]
         if near:
             out.append(separate(finding.name, near[0]))
+    if verdict == "inconclusive" and "unlike" in place.where:
+        return ("identify a linear model of this machine first: ffl identify linear",)
     if verdict == "inconclusive":
         out.append(
             "what is left is louder than the noise that the plant file states, and nothing of the "

@@ -30,6 +30,7 @@ SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 MOST_KNOTS = 33
+WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of what it was
 PASSES = 4  # most changes of noise while one hypothesis is fitted
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
@@ -165,6 +166,7 @@ def contest(
     say = progress or (lambda line: None)
     standing = judge(scene, held, model)
     steps: list[Step] = []
+    last_error = np.inf
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(_raw(scene, standing.model), coloured=False, quantile=QUIET)
@@ -176,6 +178,15 @@ def contest(
         base = refined(quiet, held, base, say)
         if len(base.model.effects) > 1:
             base = settle(quiet, held, base, say)
+        error = raw_error(held, base.model)
+        if steps and error > WORSE * last_error:
+            # What came in last does not hold up on the held-out recordings once all is refitted.
+            say(
+                f"  turned down again: held-out error {np.sqrt(error / last_error):.2f} times as large"
+            )
+            steps[-1] = replace(steps[-1], accepted=None)
+            return steps[-1].before, steps, held
+        last_error = error
         if len(steps) == most:
             return base, steps, held
         screened = Screen(quiet, base.fit).candidates()
@@ -184,6 +195,8 @@ def contest(
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
         taken = _excluded(base.model)
+        if scene.free_clocks:  # a slow force cannot be carried from one unknown clock to another
+            taken.add("drift")
         fresh = [c for c in screened if c.spec.name not in taken and c.gain > least]
         for c in shortlist(fresh):
             rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), rounds=6)
@@ -249,6 +262,16 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
         "position_dependent_friction",
     }
 )
+
+
+def raw_error(held: Scene | None, model: Model) -> float:
+    """Sum of squares of the held-out free-running error, not whitened."""
+    if held is None or not held.trials:
+        return 1.0
+    residuals = held.residuals(model)
+    if residuals is None:
+        return np.inf
+    return float(sum(np.sum(e**2) for e in residuals))
 
 
 def _excluded(model: Model) -> set[str]:
