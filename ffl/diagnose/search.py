@@ -30,6 +30,7 @@ SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 MOST_KNOTS = 33
+SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
 WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of what it was
 PASSES = 4  # most changes of noise while one hypothesis is fitted
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
@@ -309,6 +310,10 @@ def _earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
     held = rival.held_out - base.held_out
+    if base.model.effects:  # the first one's imperfection must not be patched with a second
+        share = SHARE * len(base.fit.white)
+        if fitted < share or (len(base.held_white) and held < SHARE * len(base.held_white)):
+            return False
     return rival.score - base.score > threshold and fitted > LEAST and held > -LEAST / 2
 
 
