@@ -15,6 +15,7 @@ from joblib import Parallel, delayed
 from numpy.random import SeedSequence
 
 from ffl.bases import FIR, OBF, Basis, SumBasis
+from ffl.identify.row import Row
 from ffl.learn import LearningTask, NormOptimal, Trial, Weights, learn
 from ffl.machines import SimulatedMachine
 from ffl.systems import (
@@ -41,32 +42,6 @@ MACHINES = 50
 FAST_MACHINES = 8
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of `ffl reproduce`: our number beside the paper's (None: the paper has none)."""
-
-    key: str
-    what: str
-    ours: float
-    unit: str
-    n: int
-    paper: float | None = None
-    std_error: float | None = None
-
-    def as_dict(self) -> dict[str, object]:
-        """The row as INTERFACES.md states it; what is not known is absent."""
-        items = {
-            "key": self.key,
-            "what": self.what,
-            "paper": self.paper,
-            "ours": self.ours,
-            "unit": self.unit,
-            "std_error": self.std_error,
-            "n": self.n,
-        }
-        return {name: value for name, value in items.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -333,7 +308,7 @@ def _rows(
     fir, obf, strong, repeated, placed = norms.T
 
     def below(key: str, what: str, better: str, other: str, paper: float | None = None) -> Row:
-        return Row(key, what, 1 - last[better] / last[other], "fraction", 1, paper)
+        return Row(key, what, 1 - last[better] / last[other], "fraction", 1, paper=paper)
 
     def lost(key: str, what: str, where: Array) -> Row:
         return Row(key, f"machines on which {what}", float(np.sum(where)), "machines", n)

@@ -26,6 +26,7 @@ from ffl.identify.evidence import maximise_evidence
 from ffl.identify.inverse import IdentifiedInverse
 from ffl.identify.kernels import OBF, Direct, Fixed, Kernel
 from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
+from ffl.identify.row import Row
 from ffl.systems import StateSpace, Zpk, load_plant, two_sided_filter, two_sided_impulse
 
 Array = NDArray[np.float64]
@@ -50,24 +51,6 @@ METHODS = {
     "data_driven_poles": "the same, poles and variances by marginal likelihood",
     "as_printed": "non-causal OBF kernel as printed: no direct terms, scale 1",
 }
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of `ffl reproduce`: our number (mean over `n`), with its standard error."""
-
-    key: str
-    what: str
-    ours: float
-    unit: str
-    n: int
-    std_error: float
-    paper: float | None = None
-
-    def as_dict(self) -> dict[str, object]:
-        """The row as INTERFACES.md states it; what the paper does not give is absent."""
-        names = ("key", "what", "paper", "ours", "unit", "std_error", "n")
-        return {k: v for k in names if (v := getattr(self, k)) is not None}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,7 @@ from ffl.identify.bayes.protocol import (
     true_inverse_impulse,
 )
 from ffl.identify.bayes.records import reduce_record
+from ffl.identify.row import Row
 
 N_AC, N_C = 4, 2
 SEEDS = range(1000, 1100)
@@ -39,23 +40,6 @@ WORDS = {
 }
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One number beside the paper's; `paper` is None where the paper has none."""
-
-    key: str
-    what: str
-    ours: float
-    unit: str
-    std_error: float | None
-    n: int
-    paper: float | None = None
-
-    def as_dict(self) -> dict:
-        """As in `ffl reproduce --json`: what could not be had is absent."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -193,8 +177,8 @@ def _rows(fits: dict[str, np.ndarray], seconds: np.ndarray) -> Iterator[Row]:
             f"Table I, {WORDS[method]}, without {len(values) - len(kept)} outliers",
             float(kept.mean()),
             "%",
-            _std_error(kept),
             len(values),
+            _std_error(kept),
             PAPER.get(method),
         )
         yield Row(
@@ -202,8 +186,8 @@ def _rows(fits: dict[str, np.ndarray], seconds: np.ndarray) -> Iterator[Row]:
             f"{WORDS[method]}, outliers kept",
             float(values.mean()),
             "%",
-            _std_error(values),
             len(values),
+            _std_error(values),
         )
     low, high = np.percentile(seconds, [25, 75])
     yield Row(
@@ -211,8 +195,8 @@ def _rows(fits: dict[str, np.ndarray], seconds: np.ndarray) -> Iterator[Row]:
         "processor time per model of the best way, record to answer, median (first calls compile)",
         float(np.median(seconds)),
         "s",
-        float(1.253 * (high - low) / 1.349 / np.sqrt(len(seconds))),  # normal theory
         len(seconds),
+        float(1.253 * (high - low) / 1.349 / np.sqrt(len(seconds))),  # normal theory
         PAPER_SECONDS,
     )
     gain = fits["best"] - fits["algorithm_1"]
@@ -221,14 +205,14 @@ def _rows(fits: dict[str, np.ndarray], seconds: np.ndarray) -> Iterator[Row]:
         "paired gain in fit of the best way over Algorithm 1 corrected, all data sets",
         float(gain.mean()),
         "%",
-        _std_error(gain),
         len(gain),
+        _std_error(gain),
     )
     yield Row(
         "best_worst",
         "worst fit of the best way",
         float(fits["best"].min()),
         "%",
-        None,
         len(gain),
+        None,
     )
