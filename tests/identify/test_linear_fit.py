@@ -311,3 +311,24 @@ def test_a_hundred_thousand_samples_in_seconds():
     model = fit_linear(signals, 4)
     assert time.process_time() - start < 15.0
     assert abs(nearest(model.poles, FOURTH.poles[0]).value - FOURTH.poles[0]) < 2e-4
+
+
+@pytest.mark.parametrize("method", ["output_error", "prediction_error"])
+def test_an_operating_point_far_from_zero_costs_no_digits(method):
+    signals = open_loop(PLANT, 400, np.random.default_rng(18), 0.05)
+    near = fit_linear(signals, 2, method=method)
+    far = fit_linear(Signals(signals.u + 1e6, signals.y - 1e7, T), 2, method=method)
+    assert nearest(far.poles, PLANT.poles[0]).value == pytest.approx(
+        nearest(near.poles, PLANT.poles[0]).value, abs=1e-6
+    )
+    static = far.state_space.at(1.0)[0].real
+    assert far.offset == pytest.approx(-1e7 - 1e6 * static, rel=1e-6)
+    overlay = far.overlay(Signals(signals.u + 1e6, signals.y - 1e7, T))
+    assert overlay.nrmse == pytest.approx(near.overlay(signals).nrmse, rel=1e-3)
+
+
+def test_a_missing_feedthrough_is_seen_in_the_residual():
+    signals = open_loop(PLANT, 400, np.random.default_rng(19), 0.01)
+    direct = Signals(signals.u, signals.y + 0.5 * signals.u, T)
+    assert fit_linear(direct, 2).independence.p_value < 1e-6
+    assert fit_linear(direct, 2, feedthrough=True).independence.p_value > 1e-3

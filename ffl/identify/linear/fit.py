@@ -112,7 +112,7 @@ def fit_linear(
     kind = _method(method, pieces, controller)
     s = _structure(order, integrators, delay, feedthrough, kind, offset)
     _check_length(pieces, s)
-    search = _search(pieces, kind, controller, noise, max_iterations, order)
+    search = _search(pieces, kind, controller, noise, max_iterations, order, offset)
     fitted, problem = search.fit(s)
     _require(fitted, s, kind)
     return _result(search, fitted, problem, pieces, ())
@@ -153,7 +153,7 @@ def best_linear(
         integrators = (0,) if kind == "output_error" else (0, 1)
     if delays is None:
         delays = sorted({0, estimate_delay(pieces, feedthrough)})
-    search = _search(pieces, kind, controller, noise, 15, max(orders))
+    search = _search(pieces, kind, controller, noise, 15, max(orders), offset)
     search.tolerance = 1e-2  # a tenth of a standard error; the rung chosen is finished below
     candidates: list[Candidate] = []
     problems: list[tuple[Fitted, Problem]] = []
@@ -197,10 +197,11 @@ def _search(
     noise: str,
     max_iterations: int,
     largest_order: int,
+    offset: str,
 ) -> Search:
     if noise not in ("white", "autoregressive"):
         raise InputError(f"noise '{noise}' is not known; give white or autoregressive")
-    scale = Scale.of(pieces)
+    scale = Scale.of(pieces, centred=method != "closed_loop" and offset != "none")
     scaled = tuple(scale.apply(piece) for piece in pieces)
     return Search(
         scaled,
@@ -219,6 +220,18 @@ def _require(fitted: Fitted, s: Structure, method: Method) -> None:
             f"order {s.order} with method {method}: no start gave an admissible model (stable, or "
             "stabilised by the stated controller); check the controller, or use prediction_error"
         )
+
+
+def _offset(point: Point, s: Structure, scale: Scale) -> float:
+    """The offset in the units of the data, the means that were taken off put back."""
+    if s.offset == "none":
+        return 0.0
+    if s.offset == "input":
+        return point.offset * scale.u - scale.u_mean
+    found = point.offset * scale.y + scale.y_mean
+    if scale.u_mean:
+        found -= float(point.system(1.0).at(1.0)[0].real) * scale.y / scale.u * scale.u_mean
+    return found
 
 
 def _result(
@@ -252,7 +265,7 @@ def _result(
         ),
         structure=s,
         method=search.method,
-        offset=point.offset * (scale.u if s.offset == "input" else scale.y),
+        offset=_offset(point, s, scale),
         noise_std=float(np.sqrt(sure.noise_variance)) * scale.y,
         innovation_gain=point.k / scale.y,
         poles=pole_estimates(point, s, sure.directions, cov, t),

@@ -149,7 +149,8 @@ def independence(
     lags = int(max(min(lags, shortest // 5 - nd), 1))
     inputs = [getattr(p, signal) if signal != "u" else p.force for p in problem.pieces]
     q = noise.directions.offset.size
-    first = 0 if problem.structure.feedthrough or signal != "u" else 1
+    # Under feedback through an unknown controller u(t) may already answer e(t): begin at lag one.
+    first = 1 if problem.structure.innovation and not problem.structure.feedthrough else 0
     stack = np.zeros((0, q + lags + 1))
     for piece, x in zip(problem.pieces, inputs, strict=True):
         dy, error = white.jacobian(point, noise.directions, piece)

@@ -150,7 +150,7 @@ class LinearModel:
         problem = Problem(predictor, self.structure, (scaled,))
         noise = max(self.nrmse, 1e-6)
         x0 = problem.residual(self.point, scaled.cut(0, stop), noise).x0
-        output = problem.output(self.point, scaled, x0) * self.scale.y
+        output = problem.output(self.point, scaled, x0) * self.scale.y + self.scale.y_mean
         lost = len(piece) - output.size
         measured = piece.y[lost:]
         rmse = float(np.sqrt(np.mean((measured - output) ** 2)))

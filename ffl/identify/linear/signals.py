@@ -177,18 +177,30 @@ def excitation_rank(pieces: Sequence[Signals], lags: int, tolerance: float = 1e-
 
 @dataclass(frozen=True)
 class Scale:
-    """Units in which u and y have standard deviation one; every matrix of a fit then is of size 1."""
+    """Units in which u and y have standard deviation one; every matrix of a fit then is of size 1.
+
+    `u_mean`, `y_mean` are taken off first where a free offset makes up for it: an operating point a
+    million times the motion must not cost the digits of the motion.
+    """
 
     u: float
     y: float
+    u_mean: float = 0.0
+    y_mean: float = 0.0
 
     @classmethod
-    def of(cls, pieces: Sequence[Signals]) -> Scale:
+    def of(cls, pieces: Sequence[Signals], centred: bool = False) -> Scale:
         spread = {
             name: np.sqrt(np.mean([np.var(getattr(p, name)) for p in pieces]))
             for name in ("u", "y")
         }
-        return cls(float(spread["u"]) or 1.0, float(spread["y"]) or 1.0)
+        mean = {
+            name: float(np.mean(np.concatenate([getattr(p, name) for p in pieces])))
+            if centred
+            else 0.0
+            for name in ("u", "y")
+        }
+        return cls(float(spread["u"]) or 1.0, float(spread["y"]) or 1.0, mean["u"], mean["y"])
 
     def apply(self, piece: Signals) -> Signals:
         def by(value: Array | None, unit: float) -> Array | None:
@@ -196,8 +208,8 @@ class Scale:
 
         return replace(
             piece,
-            u=piece.u / self.u,
-            y=piece.y / self.y,
+            u=(piece.u - self.u_mean) / self.u,
+            y=(piece.y - self.y_mean) / self.y,
             r=by(piece.r, self.y),
             f=by(piece.f, self.u),
             d=by(piece.d, self.u),
