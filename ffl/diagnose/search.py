@@ -177,7 +177,7 @@ def contest(
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
         base = refined(quiet, held, base, say)
-        if len(base.model.effects) > 1:
+        if base.model.effects:
             base = settle(quiet, held, base, say)
         error = raw_error(held, base.model)
         if steps and error > WORSE * last_error:
@@ -243,8 +243,9 @@ def with_best_start(scene: Scene, model: Model, spec: EffectSpec) -> Model:
             rungs.append(
                 model.with_effect(replace(spec, parameters={**spec.parameters, name: value}))
             )
-    if len(rungs) == 1:
-        return rungs[0]
+    # Corrections that stood in for the effect would stand in its way: start from nominal ones too.
+    nominal = {k: v for k, v in model.corrections.items() if k in model.held}
+    rungs += [replace(rung, corrections=nominal) for rung in rungs]
     costs = []
     for rung in rungs:
         residuals = scene.residuals(rung)
@@ -322,19 +323,20 @@ def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str]
     against its siblings in that company."""
     current = judged
     for name in judged.model.names:
-        if len(current.model.effects) < 2 or name not in current.model.names:
+        if name not in current.model.names:
             continue
         index = current.model.names.index(name)
         without = judge(quiet, held, current.model.without(index), rounds=6)
         say(f"  without {name}: {without.score - current.score:+.1f}")
-        if without.score > current.score - KEEP:
+        if without.score > current.score - KEEP and len(current.model.effects) > 1:
             current = without
             continue
         taken = _excluded(without.model)
         siblings = [s for s in EFFECTS[name].siblings if s not in taken]
         screened = Screen(quiet, without.fit).candidates([name, *siblings])
         for c in shortlist([c for c in screened if c.spec.name != name], 2)[:2]:
-            other = judge(quiet, held, without.model.with_effect(c.spec), rounds=8)
+            start = with_best_start(quiet, without.model, c.spec)
+            other = judge(quiet, held, start, rounds=8)
             say(f"  {c.spec.name} for {name}: {other.score - current.score:+.1f}")
             if other.score > current.score + SUBSTITUTE:
                 current = other
