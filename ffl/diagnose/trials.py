@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,6 @@ from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.loop import Controller
-from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 
 
@@ -177,14 +175,3 @@ def _rest_under(simulator: Simulator, command: float, position: float) -> Array:
     start[: m.order] = solution
     start[simulator.n_plant : simulator.n_plant + m.delay] = command
     return start
-
-
-def with_virtual_controller(plant: Plant, controller: Controller) -> Plant:
-    """The plant under an observer that drives the simulation to the measured output."""
-    from dataclasses import replace
-
-    return replace(plant, controller=controller)
-
-
-def names_of(trials: Sequence[Trial]) -> list[str]:
-    return [trial.name for trial in trials]
