@@ -6,6 +6,7 @@ from ffl.identify.evidence import Evidence, maximise_evidence, regularised
 from ffl.identify.fir import KernelInverse, LeastSquaresInverse
 from ffl.identify.inverse import Band, IdentifiedInverse, InverseBasis
 from ffl.identify.kernels import KERNELS, Kernel
+from ffl.identify.linear import LinearModel, best_linear, fit_linear
 from ffl.identify.noise import NoiseModel, fit_noise, noise_of
 from ffl.identify.rational import RationalInverse
 from ffl.identify.regression import Edges, Regression, backward_regression, least_squares
@@ -24,12 +25,15 @@ __all__ = [
     "Kernel",
     "KernelInverse",
     "LeastSquaresInverse",
+    "LinearModel",
     "NoiseModel",
     "ParametricInverse",
     "RationalInverse",
     "Regression",
     "TwoStageInverse",
     "backward_regression",
+    "best_linear",
+    "fit_linear",
     "fit_noise",
     "least_squares",
     "maximise_evidence",

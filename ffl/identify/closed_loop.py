@@ -61,6 +61,18 @@ class ParametricInverse:
         """Confidence band of |F|, linearised."""
         return magnitude_band(self._functions_at(frequencies_hz), self.theta, self.spread, level)
 
+    def plot(self, ax: Any, frequencies_hz: ArrayLike, level: float = 0.95) -> Any:
+        """Draws |F| with its confidence band over `frequencies_hz` on matplotlib axes `ax`."""
+        f = np.asarray(frequencies_hz, float)
+        band = self.magnitude_band(f, level)
+        name = f"{100 * level:g} % band"
+        ax.fill_between(f, band.lower, band.upper, color="C0", alpha=0.25, linewidth=0, label=name)
+        ax.loglog(f, band.middle, color="C0", label="estimate")
+        ax.set_xlabel("frequency [Hz]")
+        ax.set_ylabel("|F| [command per output]")
+        ax.legend()
+        return ax
+
     def _functions_at(self, frequencies_hz: ArrayLike) -> NDArray[np.complex128]:
         psi = self.functions.response(frequencies_hz)
         if psi is None:

@@ -110,6 +110,24 @@ class IdentifiedInverse:
         """`n` impulse responses from the posterior, shape (n, n_taps)."""
         return self.theta + rng.standard_normal((n, self.spread.shape[1])) @ self.spread.T
 
+    def plot(self, ax: Any, level: float = 0.95, true_taps: ArrayLike | None = None) -> Any:
+        """Draws the taps over their lags with the credible band of `level` on matplotlib axes `ax`.
+
+        `true_taps` (n_ac + n_c + 1,) are drawn beside them. Returns `ax`.
+        """
+        band = self.impulse_band(level)
+        name = f"{100 * level:g} % band"
+        ax.fill_between(
+            self.lags, band.lower, band.upper, color="C0", alpha=0.25, linewidth=0, label=name
+        )
+        ax.plot(self.lags, band.middle, color="C0", label="posterior mean")
+        if true_taps is not None:
+            ax.plot(self.lags, np.asarray(true_taps), color="black", linestyle=":", label="true")
+        ax.set_xlabel("lag k [samples]")
+        ax.set_ylabel("$\\theta_k$ [command per output]")
+        ax.legend()
+        return ax
+
     def _exponentials(self, frequencies_hz: ArrayLike) -> NDArray[np.complex128]:
         f = np.atleast_1d(np.asarray(frequencies_hz, float))
         return np.exp(-2j * np.pi * self.sample_time * np.outer(f, self.lags))

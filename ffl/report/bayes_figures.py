@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from ffl.identify.bayes.estimator import DirectBayesianInverse
 from ffl.identify.bayes.table import METHODS, PAPER, TableOne
 from ffl.report.page import COLOURS
 
@@ -61,21 +60,3 @@ def _boxes(ax: Axes, fits: list[np.ndarray], labels: list[str], floor: float) ->
             )
     ax.set_ylabel("fit (25) [%]")
     ax.tick_params(axis="x", labelsize="small")
-
-
-def identified_taps(inverse: DirectBayesianInverse, ax: Axes) -> Axes:
-    """Taps of a fitted inverse with two posterior standard deviations either way."""
-    ax.errorbar(
-        inverse.taps_,
-        inverse.theta_,
-        2 * inverse.standard_errors(),
-        color=COLOURS[0],
-        marker="o",
-        ms=4,
-        capsize=3,
-        linestyle="none",
-    )
-    ax.axhline(0.0, color=INK, linewidth=0.5)
-    ax.set_xlabel("tau [samples]")
-    ax.set_ylabel("theta [input unit / output unit]")
-    return ax

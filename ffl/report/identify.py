@@ -71,7 +71,7 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
     frequencies = np.geomspace(0.5 / len(recording), 0.5, 400) / recording.sample_time
     with drawing():
         figure, axes = subplots(8.6, 5.6, 2, 1)
-        draw.impulse_response(inverse, axes[0])
+        inverse.plot(axes[0])
         draw.frequency_response({method: inverse}, frequencies[:-1], axes[1])
     page.section("Inverse").figure(
         figure,
@@ -107,7 +107,6 @@ def _rational(task: Task) -> Found:
 
 def _bayes(task: Task) -> Found:
     from ffl.identify.bayes import DirectBayesianInverse
-    from ffl.report.bayes_figures import identified_taps
 
     recording = _one(task, "bayes")
     fitted = DirectBayesianInverse(task.n_ac, task.n_c).fit(recording)
@@ -120,7 +119,7 @@ def _bayes(task: Task) -> Found:
     page = _page("bayes", recording)
     with drawing():
         figure, ax = subplots()
-        identified_taps(fitted, ax)
+        fitted.plot(ax)
     page.section("Inverse").figure(
         figure,
         "Taps of the inverse",
@@ -184,7 +183,7 @@ def _linear(task: Task) -> Found:
     with drawing():
         figure, axes = subplots(8.6, 3.6, 1, 2)
         draw.order_ladder(axes[0], model)
-        draw.poles_and_zeros(axes[1], model)
+        model.plot(axes[1])
     page.figure(
         figure,
         "Order by held-out error, poles and zeros",

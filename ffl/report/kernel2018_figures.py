@@ -80,29 +80,6 @@ def figure_5(result: Kernel2018, ax: Axes, skip: Sequence[str] = ("as_printed",)
     return ax
 
 
-def impulse_response(
-    inverse: IdentifiedInverse, ax: Axes, level: float = 0.95, true_taps: ArrayLike | None = None
-) -> Axes:
-    """Taps of an identified inverse with their credible band."""
-    band = inverse.impulse_band(level)
-    ax.fill_between(
-        inverse.lags,
-        band.lower,
-        band.upper,
-        color=COLOURS[0],
-        alpha=0.25,
-        linewidth=0,
-        label=f"{100 * level:g} % band",
-    )
-    ax.plot(inverse.lags, band.middle, color=COLOURS[0], label="posterior mean")
-    if true_taps is not None:
-        ax.plot(inverse.lags, np.asarray(true_taps), color="#1b1f24", linestyle=":", label="true")
-    ax.set_xlabel("lag k [samples]")
-    ax.set_ylabel("$\\theta_k$ [command per output]")
-    ax.legend()
-    return ax
-
-
 def frequency_response(
     inverses: Mapping[str, IdentifiedInverse],
     frequencies_hz: ArrayLike,

@@ -54,34 +54,6 @@ def order_ladder(ax: Axes, model: LinearModel) -> Axes:
     return ax
 
 
-def poles_and_zeros(ax: Axes, model: LinearModel, z: float = 1.959964) -> Axes:
-    """Poles (crosses) and zeros (circles) with `z` standard errors, and the unit circle."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.6)
-    for roots, marker, colour, label in (
-        (model.poles, "x", COLOURS[0], "poles"),
-        (model.zeros, "o", COLOURS[1], "zeros"),
-    ):
-        if not roots:
-            continue
-        ax.errorbar(
-            [r.value.real for r in roots],
-            [r.value.imag for r in roots],
-            xerr=[z * r.std_real for r in roots],
-            yerr=[z * r.std_imag for r in roots],
-            fmt=marker,
-            markerfacecolor="none",
-            color=colour,
-            capsize=2.0,
-            label=f"{label}, 95 %",
-        )
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel("real part [1]")
-    ax.set_ylabel("imaginary part [1]")
-    ax.legend()
-    return ax
-
-
 def fit_overlay(ax: Axes, overlay: Overlay, unit: str = "", label: str = "model") -> Axes:
     """Measured output, the model's, and their difference over time."""
     ax.plot(overlay.time, overlay.measured, color=INK, linewidth=1.4, label="measured")

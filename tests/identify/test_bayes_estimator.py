@@ -219,5 +219,5 @@ def test_figures_draw_what_the_table_holds(table, fitted):
     bayes_figures.figure_4(table, axes)
     assert len(axes[1].get_xticklabels()) == len(METHODS)
     assert "%" in axes[0].get_ylabel()
-    ax = bayes_figures.identified_taps(fitted, Figure().subplots())
+    ax = fitted.plot(Figure().subplots())
     assert "tau" in ax.get_xlabel()

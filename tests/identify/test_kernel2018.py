@@ -121,7 +121,7 @@ def test_figures_draw_what_they_are_given(result):
     assert len(figures.figure_4(result, axes[2]).lines) == 4
     assert "\\sqrt{N}" in figures.figure_5(result, axes[3]).get_xlabel()
     inverse = result.estimates["data_driven_poles"]
-    assert "lag" in figures.impulse_response(inverse, axes[4]).get_xlabel()
+    assert "lag" in inverse.plot(axes[4]).get_xlabel()
     ax = figures.frequency_response(
         {"poles": inverse}, np.geomspace(1, 500, 50), Figure().subplots()
     )

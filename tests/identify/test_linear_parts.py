@@ -22,7 +22,6 @@ from ffl.report.linear_figures import (
     fit_overlay,
     magnitude_band,
     order_ladder,
-    poles_and_zeros,
     residual_correlations,
 )
 from ffl.systems import Controller, StateSpace, Zpk, closed_loop
@@ -293,7 +292,7 @@ def test_figures_draw_what_they_are_given():
     ladder = order_ladder(axes[0], model)
     assert ladder.get_ylabel() == "NRMSE [1]"
     np.testing.assert_array_equal(ladder.lines[0].get_xdata(), [1, 2, 3])
-    assert poles_and_zeros(axes[1], model).get_xlabel() == "real part [1]"
+    assert model.plot(axes[1]).get_xlabel() == "real part [1]"
     overlay = fit_overlay(axes[2], model.overlay(signals), "m")
     assert overlay.get_ylabel() == "output [m]"
     np.testing.assert_array_equal(overlay.lines[0].get_ydata(), signals.y)

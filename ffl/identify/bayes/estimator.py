@@ -50,6 +50,24 @@ class _DirectInverse(Estimator):
         """Posterior standard deviation of every tap."""
         return np.sqrt(np.diag(self._learned("result_").covariance))
 
+    def plot(self, ax: Any) -> Any:
+        """Draws the taps with two posterior standard deviations either way on matplotlib axes `ax`."""
+        error = 2 * self.standard_errors()
+        ax.errorbar(
+            self.taps_,
+            self.theta_,
+            error,
+            color="C0",
+            marker="o",
+            ms=4,
+            capsize=3,
+            linestyle="none",
+        )
+        ax.axhline(0.0, color="black", linewidth=0.5)
+        ax.set_xlabel("tau [samples]")
+        ax.set_ylabel("theta [input unit / output unit]")
+        return ax
+
 
 class DirectBayesianInverse(_DirectInverse):
     """Posterior mean of a non-causal FIR inverse straight from noisy output data.

@@ -115,6 +115,30 @@ class LinearModel:
         """P(exp(i 2 pi f T)), delay included."""
         return self.system.response(frequencies_hz)
 
+    def plot(self, ax: Any, z: float = 1.959964) -> Any:
+        """Draws poles (crosses) and zeros (circles) with `z` standard errors on matplotlib axes `ax`."""
+        angle = np.linspace(0.0, 2.0 * np.pi, 361)
+        ax.plot(np.cos(angle), np.sin(angle), color="black", linewidth=0.6)
+        marks = ((self.poles, "x", "C0", "poles"), (self.zeros, "o", "C1", "zeros"))
+        for roots, marker, colour, name in marks:
+            if roots:
+                ax.errorbar(
+                    [r.value.real for r in roots],
+                    [r.value.imag for r in roots],
+                    xerr=[z * r.std_real for r in roots],
+                    yerr=[z * r.std_imag for r in roots],
+                    fmt=marker,
+                    markerfacecolor="none",
+                    color=colour,
+                    capsize=2.0,
+                    label=f"{name}, {z:.3g} standard errors",
+                )
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.set_xlabel("real part [1]")
+        ax.set_ylabel("imaginary part [1]")
+        ax.legend()
+        return ax
+
     def response_std(self, frequencies_hz: ArrayLike) -> Array:
         """sqrt(E |P^ - P|^2) at the frequencies in Hz, by the delta method."""
         unit = self.scale.y / self.scale.u
