@@ -10,16 +10,18 @@ import scipy.stats
 from numpy.random import Generator
 
 from ffl.diagnose import sound, where
+from ffl.diagnose.corrections import corrections
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import FreeForm, free_form
-from ffl.diagnose.line import across_the_line, sizes
+from ffl.diagnose.line import across_the_line
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
 from ffl.diagnose.observer import led, needs_observer, with_observer
 from ffl.diagnose.prove import prove, run_plant
-from ffl.diagnose.result import Diagnosis, Finding, ModelCorrection, Number
-from ffl.diagnose.search import Judged, Step, contest
-from ffl.diagnose.trials import Trial, prepare
+from ffl.diagnose.result import Diagnosis, Finding, Number
+from ffl.diagnose.search import Judged, Step, contest, judge
+from ffl.diagnose.starts import with_starts
+from ffl.diagnose.trials import prepare, stretches
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.recordings import Recording, shared_clock
@@ -28,6 +30,7 @@ from ffl.systems.plant_file import plant_from_dict, plant_to_dict
 
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
+LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
@@ -73,12 +76,12 @@ def diagnose(
         everything = [*recordings, *validation]
     base = Base.of(model)
     prior, floor = _prior(model, base, recordings)
-    trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
-    if validation:
-        judging = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
-    else:
-        trials, judging = _blocks(base, recordings, prior.sensor)
+    if not validation:
+        recordings, validation = _blocks(recordings)
         notes.append("no validation recording was given: the last 30 % of each recording judged")
+    short, short_held = stretches(recordings, LONG), stretches(validation, LONG)
+    trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
+    judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     nominal = Model(base)
     residuals = scene.residuals(nominal)
@@ -88,6 +91,15 @@ def diagnose(
     held = replace(scene, trials=judging)
     standing, steps, judged_by = contest(scene, held, nominal, THRESHOLD, progress=say)
     held = judged_by or held
+    if len(short) > len(recordings) or len(short_held) > len(validation):
+        notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
+        say("fitting what was named to all samples")
+        trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
+        judging = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
+        scene, held = replace(standing.scene, trials=trials), replace(held, trials=judging)
+        scene = with_starts(scene, standing.model)
+        held = with_starts(replace(held, noise=scene.noise), standing.model)
+        standing = judge(scene, held, standing.model, rounds=5)
     standing = across_the_line(standing.scene, held, standing)
     return _conclude(stated, nominal, scene, held, standing, steps, health, notes, rng)
 
@@ -128,13 +140,11 @@ def _first_noise(scene: Scene, residuals: Sequence[np.ndarray], prior: Noise) ->
     )
 
 
-def _blocks(base: Base, recordings: Sequence[Recording], noise: float):  # type: ignore[no-untyped-def]
-    fit_part, held_part = [], []
-    for r in recordings:
-        cut = int(0.7 * len(r))
-        fit_part.append(prepare(base.simulator, r[:cut], noise))
-        held_part.append(prepare(base.simulator, r[cut:], noise))
-    return tuple(fit_part), tuple(held_part)
+def _blocks(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """The first 70 % of every recording, and the rest."""
+    cuts = [int(0.7 * len(r)) for r in recordings]
+    pairs = list(zip(recordings, cuts, strict=True))
+    return [r[:cut] for r, cut in pairs], [r[cut:] for r, cut in pairs]
 
 
 # --- the answer -----------------------------------------------------------------------------------
@@ -184,7 +194,7 @@ def _conclude(
         verdict=verdict,
         place=place,
         findings=findings if verdict not in ("unnamed", "inconclusive") else (),
-        corrections=_corrections(standing, scene),
+        corrections=corrections(standing),
         proof=proof,
         advice=_advice(verdict, place, findings),
         soundness=health,
@@ -293,29 +303,6 @@ def _p_value(name: str, steps: list[Step]) -> float | None:
     return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
 
 
-def _corrections(standing: Judged, scene: Scene) -> tuple[ModelCorrection, ...]:
-    out = []
-    damping = _nominal_damping(standing.model)
-    for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):
-        if c.kind != "correction":
-            continue
-        value = float(standing.model.corrections.get(c.name, 0.0))
-        if abs(value) < 3.0 * spread:
-            continue
-        scale = 1.0 / damping if c.name == "damping" and damping > 0 else 1.0
-        if c.name == "damping" and damping <= 0:
-            continue
-        out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))
-    return tuple(out)
-
-
-def _nominal_damping(model: Model) -> float:
-    from ffl.diagnose.linear import modal_terms
-
-    mechanics = model.base.simulator.mechanics
-    return modal_terms(mechanics, mechanics.modes[0])[0] if mechanics.modes else 0.0
-
-
 def _advice(verdict: str, place: where.Place, findings: tuple[Finding, ...]) -> tuple[str, ...]:
     from ffl.diagnose.advise import separate
 
@@ -382,6 +369,3 @@ def _unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:
         model, health, why, "plant",
         "identify a linear model of this machine first: ffl identify linear",
     )  # fmt: skip
-
-
-__all__ = ["Trial", "diagnose", "sizes"]

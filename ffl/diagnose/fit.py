@@ -109,7 +109,7 @@ class Fit:
         j = self.jacobian
         if j.shape[1] == 0:
             return np.zeros((0, 0))
-        scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+        scale = np.maximum(np.linalg.norm(j, axis=0), 1e-150)  # its square must not vanish
         r = scipy.linalg.qr(j / scale, mode="r")[0][: j.shape[1]]
         _, s, vt = np.linalg.svd(r)
         s = np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)

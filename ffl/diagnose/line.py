@@ -62,7 +62,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
     current = judged
     for name, effect in NAMES.items():
         size = sizes(scene, current.model).get(name, 0.0)
-        if abs(size) <= LINE or effect in current.model.names:
+        if abs(size) <= LINE or effect in {spec.name for spec in current.model.acting}:
             continue
         if size < 0 and name != "mass":
             continue  # less damping or stiffness than the model has: no effect says that

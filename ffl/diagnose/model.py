@@ -29,9 +29,11 @@ LOG_STEP = 4e-3
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One free number: `kind` ('correction', 'effect', 'option'), where it sits, how it is stepped.
+    """One free number: `kind` ('correction', 'given', 'effect', 'option'), where it sits, how it is
+    stepped.
 
-    `log` coordinates are fitted as logarithms. `place` is the index within a table.
+    'given' numbers belong to the effects that the plant file itself states. `log` coordinates are
+    fitted as logarithms. `place` is the index within a table.
     """
 
     kind: str
@@ -64,12 +66,24 @@ class Base:
 
 @dataclass(frozen=True)
 class Model:
-    """`base` with `corrections` (missing: zero) and `effects`."""
+    """`base` with `corrections` (missing: zero) and `effects`, beside those that the plant file itself
+    states (`given`, None: as stated), whose numbers may be slightly wrong like any other."""
 
     base: Base
     corrections: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectSpec, ...] = ()
     held: frozenset[str] = frozenset()  # corrections that stay as they are
+    given: tuple[EffectSpec, ...] | None = None
+
+    @property
+    def stated(self) -> tuple[EffectSpec, ...]:
+        """The plant file's own effects as they stand."""
+        return self.base.plant.effects if self.given is None else self.given
+
+    @property
+    def acting(self) -> tuple[EffectSpec, ...]:
+        """All effects of a simulation: those found, then those stated."""
+        return (*self.effects, *self.stated)
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -82,10 +96,10 @@ class Model:
     def simulate(self, trial: Trial, watch: Sequence[tuple[str, float | None]] = ()) -> Simulation:
         """The free-running loop from the recording's own start; `watch`: see `Simulator.run`."""
         substeps = None
-        if any(name in STIFF for name in self.names):
-            substeps = min(MOST_SUBSTEPS, self.simulator.substeps(self.effects))
+        if any(spec.name in STIFF for spec in self.acting):
+            substeps = min(MOST_SUBSTEPS, self.simulator.substeps(self.acting))
         return self.simulator.run(
-            self.effects,
+            self.acting,
             trial.reference,
             trial.feedforward,
             force=trial.load,
@@ -100,13 +114,17 @@ class Model:
         plant = corrected_plant(
             self.base.plant, self.base.simulator.mechanics, dict(self.corrections)
         )
-        return replace(plant, effects=(*plant.effects, *self.effects))
+        return replace(plant, effects=(*self.stated, *self.effects))
 
     # --- as a vector -----------------------------------------------------------------------------
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        return tuple(self._corrections()) + tuple(self._effects())
+        return (
+            *self._corrections(),
+            *self._numbers("given", self.stated),
+            *self._numbers("effect", self.effects),
+        )
 
     def _corrections(self) -> Iterator[Coordinate]:
         for c in self.base.corrections:
@@ -114,8 +132,8 @@ class Model:
                 continue
             yield Coordinate("correction", c.name, -1, None, c.scale, c.lower, c.upper)
 
-    def _effects(self) -> Iterator[Coordinate]:
-        for i, spec in enumerate(self.effects):
+    def _numbers(self, kind: str, specs: Sequence[EffectSpec]) -> Iterator[Coordinate]:
+        for i, spec in enumerate(specs):
             effect = EFFECTS[spec.name]
             for parameter in effect.parameters:
                 name = parameter.name
@@ -126,33 +144,31 @@ class Model:
                     for key in ("positive", "negative"):
                         size = float(np.mean(np.abs(value[key]))) or 1.0
                         for j in range(len(value[key])):
-                            yield Coordinate("effect", name, i, (key, j), size, 0.0)
+                            yield Coordinate(kind, name, i, (key, j), size, 0.0)
                     continue
-                yield self._number(i, parameter, float(value))
-            if spec.options.get("mass_ratio") is not None:
+                yield self._number(kind, i, spec, parameter, float(value))
+            if kind == "effect" and spec.options.get("mass_ratio") is not None:
                 yield Coordinate(
                     "option", "mass_ratio", i, None, 1.0, np.log(0.05), np.log(20), True
                 )
 
-    def _number(self, i: int, parameter, value: float) -> Coordinate:  # type: ignore[no-untyped-def]
+    def _number(self, kind: str, i: int, spec: EffectSpec, parameter, value: float) -> Coordinate:  # type: ignore[no-untyped-def]
         lower, upper = parameter.lower, parameter.upper
         if not parameter.linear and lower >= 0 and value > 0:
             at = float(np.log(value))
             reach = REACH.get(parameter.name, 3.0)
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
             high = min(np.log(upper), at + reach)
-            return Coordinate("effect", parameter.name, i, None, 1.0, low, high, True)
-        effect = EFFECTS[self.effects[i].name]
+            return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True)
         alike = [
-            abs(float(self.effects[i].parameters[p.name]))
-            for p in effect.parameters
-            if p.unit == parameter.unit
-            and isinstance(self.effects[i].parameters.get(p.name), int | float)
+            abs(float(spec.parameters[p.name]))
+            for p in EFFECTS[spec.name].parameters
+            if p.unit == parameter.unit and isinstance(spec.parameters.get(p.name), int | float)
         ]
         scale = max(abs(value), 0.3 * max(alike, default=0.0), 1e-12)
         if parameter.unit == "rad":
             scale = 1.0
-        return Coordinate("effect", parameter.name, i, None, scale, lower, upper)
+        return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
 
     @cached_property
     def theta(self) -> Array:
@@ -162,7 +178,7 @@ class Model:
     def _read(self, c: Coordinate) -> float:
         if c.kind == "correction":
             return float(self.corrections.get(c.name, 0.0))
-        spec = self.effects[c.effect]
+        spec = (self.stated if c.kind == "given" else self.effects)[c.effect]
         if c.kind == "option":
             return float(np.log(spec.options[c.name]))
         value = spec.parameters[c.name]
@@ -173,7 +189,8 @@ class Model:
     def at(self, theta: Array) -> Model:
         """The model with other numbers."""
         corrections = dict(self.corrections)
-        parameters = [dict(spec.parameters) for spec in self.effects]
+        specs = {"effect": self.effects, "given": self.stated}
+        parameters = {k: [dict(spec.parameters) for spec in v] for k, v in specs.items()}
         options = [dict(spec.options) for spec in self.effects]
         for c, number in zip(self.coordinates, theta, strict=True):
             number = float(min(max(number, c.lower), c.upper))
@@ -182,20 +199,21 @@ class Model:
             elif c.kind == "option":
                 options[c.effect][c.name] = float(np.exp(number))
             elif c.place is not None:
-                table = dict(parameters[c.effect][c.name])
-                row = list(table[c.place[0]])
+                values = parameters[c.kind][c.effect]
+                row = list(values[c.name][c.place[0]])
                 row[c.place[1]] = number
-                table[c.place[0]] = row
-                parameters[c.effect][c.name] = table
+                values[c.name] = {**values[c.name], c.place[0]: row}
             else:
-                parameters[c.effect][c.name] = float(np.exp(number)) if c.log else number
-        for spec, values in zip(self.effects, parameters, strict=True):
-            _keep_sound(spec.name, values)
-        specs = tuple(
-            EffectSpec(spec.name, p, o)
-            for spec, p, o in zip(self.effects, parameters, options, strict=True)
+                parameters[c.kind][c.effect][c.name] = float(np.exp(number)) if c.log else number
+        for kind, listed in specs.items():
+            for spec, values in zip(listed, parameters[kind], strict=True):
+                _keep_sound(spec.name, values)
+        effects, given = (
+            tuple(replace(spec, parameters=p) for spec, p in zip(v, parameters[k], strict=True))
+            for k, v in specs.items()
         )
-        other = Model(self.base, corrections, specs, self.held)
+        effects = tuple(replace(e, options=o) for e, o in zip(effects, options, strict=True))
+        other = Model(self.base, corrections, effects, self.held, given)
         object.__setattr__(other, "coordinates", self.coordinates)
         return other
 

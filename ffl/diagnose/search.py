@@ -278,7 +278,7 @@ def raw_error(held: Scene | None, model: Model) -> float:
 
 def _excluded(model: Model) -> set[str]:
     """Effects that cannot be added: those there, and other forms of the dry friction there."""
-    names = set(model.names)
+    names = {spec.name for spec in model.acting}
     return names | (DRY if names & DRY else set())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,21 @@ class Trial:
     @property
     def t(self) -> Array:
         return self.start_time + self.sample_time * np.arange(len(self.y))
+
+
+def stretches(recordings: Sequence[Recording], most: int, pieces: int = 4) -> list[Recording]:
+    """The recordings themselves, or, where they hold more than `most` samples together, evenly
+    spread stretches of half as many: a contest of a hundred fits needs no more to name physics."""
+    total = sum(len(r) for r in recordings)
+    if total <= most:
+        return list(recordings)
+    out = []
+    for r in recordings:
+        length = max(len(r) * most // (2 * total * pieces), min(len(r) // pieces, 1000))
+        for k in range(pieces):
+            start = k * (len(r) - length) // (pieces - 1)
+            out.append(r[start : start + length])
+    return out
 
 
 def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Array]:
@@ -79,7 +95,7 @@ def plant_start(simulator: Simulator, u: Array, y: Array, noise: float, moving: 
     for k in range(rows):
         free[k] = system.c[0] @ state
         state = system.a @ state
-    wanted = y[:rows] - np.atleast_1d(system.filter(u[:rows]))
+    wanted = y[:rows] - np.atleast_1d(system.filter(u[:rows])) - _beside(simulator, u[:rows])
     scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
     left, values, right = np.linalg.svd(free / scale, full_matrices=False)
     kept = values > 1e-7 * values[0]
@@ -87,6 +103,15 @@ def plant_start(simulator: Simulator, u: Array, y: Array, noise: float, moving: 
     spread = (right[kept].T / values[kept]) / scale[:, None]
     level = max(noise, float(np.std(wanted - free @ estimate)))
     return estimate, spread @ spread.T * level**2
+
+
+def _beside(simulator: Simulator, u: Array) -> Array | float:
+    """What the effects that the plant file states add to y, from rest at 0."""
+    plant = simulator.plant
+    if not plant.effects:
+        return 0.0
+    alone = Simulator(plant, open_loop=True)
+    return alone.run(plant.effects, feedforward=u).y - alone.run((), feedforward=u).y
 
 
 def _plant_system(simulator: Simulator) -> StateSpace:
@@ -129,7 +154,9 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         start[:] = simulator.at_rest(first)
         if plant.controller is None and simulator.mechanics.order:
             # In open loop rest is where the first command holds it.
-            start = _rest_under(simulator, float(recording.u[0]), first)
+            loads = [s.parameters["force"] for s in plant.effects if s.name == "constant_load"]
+            held = float(recording.u[0]) + sum(loads) / simulator.force_per_input
+            start = _rest_under(simulator, float(recording.u[0]), held, first)
     elif known_command:
         drive = recording.u if recording.d is None else recording.u + recording.d
         estimate, spread = plant_start(simulator, drive, recording.y, noise, True)
@@ -163,12 +190,13 @@ def _ordering(simulator: Simulator) -> Array:
     return np.concatenate([np.arange(n, n + delay), np.arange(n)])
 
 
-def _rest_under(simulator: Simulator, command: float, position: float) -> Array:
-    """Standstill of an open-loop plant under a constant command, as near `position` as it can be."""
+def _rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
+    """Standstill of an open-loop plant under a constant command, loads included in `held`, as near
+    `position` as it can be."""
     m = simulator.mechanics
     solution = np.linalg.lstsq(
         np.vstack([m.a, m.c[None] * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)]),
-        np.append(-m.b * command, position * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)),
+        np.append(-m.b * held, position * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)),
         rcond=1e-13,
     )[0]
     start = np.zeros(simulator.n_states)

@@ -60,7 +60,9 @@ def forces(scene: Scene, model: Model) -> Forces | None:
         return None
     trial = scene.trials[0]
     run = model.simulate(trial)
-    fitted = run.contribution[:, kinds].sum(axis=1) * model.simulator.force_per_input
+    fitted = (
+        run.contribution[:, : len(kinds)][:, kinds].sum(axis=1) * model.simulator.force_per_input
+    )
     n = 2 * len(trial)
     e = np.fft.rfft(trial.y - run.y, n)
     f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)

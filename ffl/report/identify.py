@@ -166,10 +166,10 @@ def _linear(task: Task) -> Found:
     from ffl.report import linear_figures as draw
 
     controller = task.model.controller if task.model is not None else None
-    model = best_linear(task.recordings, task.orders, controller=controller)
+    model = best_linear(task.recordings, task.orders, controller=controller, feedthrough=None)
     first = task.recordings[0]
     units = first.units
-    plant = model.plant("identified", units.get("u", ""), units.get("y", ""))
+    plant = model.plant("identified", units.get("u", ""), units.get("y", ""), with_load=True)
     page = _page("linear", first)
     summary = model.summary()
     summary = {"criterion": summary.pop("method"), **summary}

@@ -12,7 +12,7 @@ from ffl import __version__
 from ffl.errors import InputError, WorkError
 from ffl.identify.linear.coordinates import Point, Port, Structure
 from ffl.identify.linear.delay import estimate_delay
-from ffl.identify.linear.ladder import Candidate, choose, held_out
+from ffl.identify.linear.ladder import Candidate, choose, held_out, standard_error
 from ffl.identify.linear.levenberg import Fitted, minimise
 from ffl.identify.linear.noise import independence, uncertainty, whiteness
 from ffl.identify.linear.problem import Problem
@@ -29,6 +29,7 @@ from ffl.identify.linear.signals import (
 )
 from ffl.systems import Controller, StateSpace
 
+DIRECT = 3.0  # standard errors by which feedthrough must win on held-out data
 METHODS = ("auto", "output_error", "prediction_error", "closed_loop")
 
 
@@ -126,7 +127,7 @@ def best_linear(
     controller: Controller | None = None,
     integrators: Sequence[int] | None = None,
     delays: Sequence[int] | None = None,
-    feedthrough: bool = False,
+    feedthrough: bool | None = False,
     offset: Literal["auto", "none", "output", "input"] = "auto",
     noise: Noise = "white",
     n_folds: int = 5,
@@ -141,8 +142,11 @@ def best_linear(
     fewest parameters whose held-out error is within one standard error (paired over blocks) and a
     tenth of the best, or within the fraction `tolerance` of it and a thousandth of the output's
     variance.
-    `delays` None: none, and what `estimate_delay` finds; `integrators` None: none in open loop, 0 and
-    1 under feedback. The rest as in `fit_linear`, all rungs in `ladder`.
+    `feedthrough` None: none, unless the chosen order without a delay does better with it on held-out
+    data by more than three standard errors (a recorder that filters u and y alike, whose u is no
+    staircase, looks like that). `delays` None: none, and what `estimate_delay` finds; `integrators`
+    None: none in open loop, 0 and 1 under feedback. The rest as in `fit_linear`, all rungs in
+    `ladder`.
     """
     pieces = as_signals(recordings, controller)
     kind = _method(method, pieces, controller)
@@ -152,7 +156,7 @@ def best_linear(
     if integrators is None:
         integrators = (0,) if kind == "output_error" else (0, 1)
     if delays is None:
-        delays = sorted({0, estimate_delay(pieces, feedthrough)})
+        delays = sorted({0, estimate_delay(pieces, bool(feedthrough))})
     search = _search(pieces, kind, controller, noise, 15, max(orders), offset)
     search.tolerance = 1e-2  # a tenth of a standard error; the rung chosen is finished below
     candidates: list[Candidate] = []
@@ -162,7 +166,7 @@ def best_linear(
         for count in integrators:
             smaller: list[tuple[Structure, Point]] = []
             for order in (o for o in orders if o >= max(count, 1)):
-                s = _structure(order, count, delay, feedthrough, kind, offset)
+                s = _structure(order, count, delay, bool(feedthrough), kind, offset)
                 if not candidates:
                     _check_length(pieces, s)
                 if shortest // (n_folds + 1) < 3 * (order + 1) + delay:
@@ -185,9 +189,29 @@ def best_linear(
         finished = minimise(problem, fitted.point, max_iterations)
         finished = search.marked(finished, problem.structure)
         if finished.status != "boundary" or candidates[index].status == "boundary":
+            if feedthrough is None:
+                direct = _direct(search, finished, problem, candidates[index], n_folds)
+                finished, problem = direct or (finished, problem)
             return _result(search, finished, problem, pieces, rungs)
         # carried to its end the fit ran onto the stability limit: choose again without it
         candidates[index] = replace(candidates[index], status="boundary")
+
+
+def _direct(
+    search: Search, fitted: Fitted, problem: Problem, rung: Candidate, n_folds: int
+) -> tuple[Fitted, Problem] | None:
+    """The same structure with feedthrough where it predicts held-out data better, surely."""
+    s = problem.structure
+    if search.method != "output_error" or s.delay or s.integrators:
+        return None
+    s = replace(s, feedthrough=True)
+    found, wider = search.fit(s, [fitted.point])
+    if not np.isfinite(found.cost) or found.status == "boundary":
+        return None
+    difference = held_out(found, wider, n_folds).errors - rung.errors
+    if float(np.mean(difference)) > -DIRECT * standard_error(difference):
+        return None
+    return minimise(wider, found.point, 50), wider
 
 
 def _search(

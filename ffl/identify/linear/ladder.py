@@ -73,7 +73,7 @@ def choose(candidates: Sequence[Candidate], tolerance: float) -> tuple[int, tupl
     chosen = best
     for index, candidate in enumerate(candidates):
         difference = candidate.errors - candidates[best].errors
-        error = _standard_error(difference)
+        error = standard_error(difference)
         excess = float(np.mean(difference))
         rungs.append(
             Rung(
@@ -94,7 +94,7 @@ def choose(candidates: Sequence[Candidate], tolerance: float) -> tuple[int, tupl
     return chosen, tuple(rungs)
 
 
-def _standard_error(x: Array) -> float:
+def standard_error(x: Array) -> float:
     """Of the mean of a correlated sequence: first-order correlation makes the samples count less."""
     centred = x - x.mean()
     power = float(centred @ centred)

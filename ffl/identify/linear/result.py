@@ -199,14 +199,16 @@ class LinearModel:
     ) -> Plant:
         """A `Plant` to be written by `save_plant`.
 
-        `with_load` states the fitted offset as the effect `constant_load`.
+        `with_load` states the fitted offset as the effect `constant_load`, unless it would move the
+        output by less than a hundredth of the noise.
         """
         said = source or (
             f"ffl identify linear, {self.method}, order {self.structure.order}, from "
             + ", ".join(self.sources)
         )
         effects: tuple[EffectSpec, ...] = ()
-        if with_load and self.load:
+        small = self.structure.offset == "output" and abs(self.offset) < 0.01 * self.noise_std
+        if with_load and self.load and not small:
             effects = (EffectSpec("constant_load", {"force": self.load}),)
         return Plant(
             name=name,

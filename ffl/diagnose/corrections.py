@@ -1,0 +1,43 @@
+"""What the plant file has, but slightly wrong: the numbers of its linear part and of its effects."""
+
+from __future__ import annotations
+
+from ffl.diagnose.linear import modal_terms
+from ffl.diagnose.model import Model
+from ffl.diagnose.result import ModelCorrection
+from ffl.diagnose.search import Judged
+
+
+def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
+    """Numbers of the plant file that were found otherwise by three standard errors or more."""
+    out = []
+    damping = _nominal_damping(standing.model)
+    for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):
+        if c.kind == "given" and c.place is None:
+            out += _of_stated(standing.model, c.effect, c.name, spread, c.log)
+        if c.kind != "correction":
+            continue
+        value = float(standing.model.corrections.get(c.name, 0.0))
+        if abs(value) < 3.0 * spread:
+            continue
+        scale = 1.0 / damping if c.name == "damping" and damping > 0 else 1.0
+        if c.name == "damping" and damping <= 0:
+            continue
+        out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))
+    return tuple(out)
+
+
+def _of_stated(model: Model, index: int, name: str, spread: float, log: bool):  # type: ignore[no-untyped-def]
+    """A number of an effect that the plant file states, found otherwise by more than its error."""
+    stated = float(model.base.plant.effects[index].parameters[name])
+    found = float(model.stated[index].parameters[name])
+    error = spread * found if log else spread
+    if stated == 0.0 or abs(found - stated) < 3.0 * error:
+        return []
+    label = f"{model.stated[index].name}.{name}"
+    return [ModelCorrection(label, found / stated - 1.0, abs(error / stated))]
+
+
+def _nominal_damping(model: Model) -> float:
+    mechanics = model.base.simulator.mechanics
+    return modal_terms(mechanics, mechanics.modes[0])[0] if mechanics.modes else 0.0
