@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ffl.errors import InputError
 from ffl.learn.norm_optimal import Update, UpdateReport
 from ffl.learn.weights import Weights, apply_weight, as_filter, is_zero
+from ffl.machines import linear_part
 from ffl.systems import Plant, series
 from ffl.systems.state_space import Array, StateSpace
 
@@ -132,13 +133,31 @@ def _forwards(a, b, gains, feed, constant, first, change):  # type: ignore[no-un
             x[i] = following[i]
 
 
+def minimiser(a: Array, b: Array, c: Array, d: Array, factors: Array, targets: Array) -> Array:
+    """argmin over u (N,) of sum factors (z - targets)^2, x(t+1) = a x + b u, z = c x + d u from rest.
+
+    `factors` (1 or N, m), constant in time where they have one row; `targets` (N, m). Cost O(N n^3),
+    O(N n^2) from where the gain is stationary.
+    """
+    samples = len(targets)
+    constant = len(factors) == 1
+    # With constant weights the gain settles long before 20,000 samples; the recursion says when.
+    rows = min(samples, 20000) + 1 if constant else samples
+    gains = np.zeros((rows, len(b)))
+    feed, change = np.zeros(samples), np.zeros(samples)
+    first = _backwards(a, b, c, d, factors, targets, gains, feed)
+    _forwards(a, b, gains, feed, constant, first, change)
+    return change
+
+
 class FreeSignalUpdate:
     """f_{j+1} = argmin of criterion (3) over the whole signal f, from initial rest.
 
     The three terms are three linear systems driven by the change f - f_j; their targets are
     G_e e_j, -G_f f_j and 0, and the minimiser is linear-quadratic tracking: P and p backwards, the
     change forwards. Weights as in `Weights`; W_f + W_df must be positive, because f's last samples,
-    fewer than the plant's relative degree from the end, do not reach the output.
+    fewer than the plant's relative degree from the end, do not reach the output. Of a model with
+    effects the linear part counts, as in `NormOptimal`.
     """
 
     def __init__(self, model: Plant, reference: ArrayLike, weights: Weights) -> None:
@@ -149,7 +168,8 @@ class FreeSignalUpdate:
                 "weights: the free signal needs feedforward or feedforward_change above zero"
             )
         self.weights = weights
-        self.process_sensitivity = model.require_stable().process_sensitivity
+        self.loop = linear_part(model).require_stable()
+        self.process_sensitivity = self.loop.process_sensitivity
         parts: list[StateSpace] = []
         factors: list[Array] = []
         t = model.sample_time
@@ -168,39 +188,41 @@ class FreeSignalUpdate:
         longest = max(len(factor) for factor in factors)
         self.factors = np.column_stack([np.broadcast_to(f, longest) for f in factors]).copy()
 
-    def update(self, feedforward: Array, error: Array) -> Update:
-        """The next signal from trial j: its `feedforward` f_j and `error` e_j, shape (N,) each."""
+    def update(self, feedforward: Array, error: Array, command: Array | None = None) -> Update:
+        """The next signal from trial j: its `feedforward` f_j and `error` e_j, shape (N,) each
+        (`command` u_j only matters under bounds)."""
         start = time.perf_counter()
-        shaped = [
-            _shape(self.weights.error, error),
-            -_shape(self.weights.feedforward, feedforward),
-            np.zeros(self.n),
-        ]
-        constant = len(self.factors) == 1
-        # With constant weights the gain settles long before 20,000 samples; the recursion says when.
-        rows = min(self.n, 20000) + 1 if constant else self.n
-        gains = np.zeros((rows, len(self.b)))
-        feed, change = np.zeros(self.n), np.zeros(self.n)
-        first = _backwards(
-            self.a, self.b, self.c, self.d, self.factors, np.column_stack(shaped), gains, feed
-        )
-        _forwards(self.a, self.b, gains, feed, constant, first, change)
+        targets = self.targets(feedforward, error)
+        change = minimiser(self.a, self.b, self.c, self.d, self.factors, targets)
         following = feedforward + change
         residual = self.kkt(feedforward, error, change)
         status = "optimal" if residual <= 1e-8 else "optimal_inaccurate"
         report = UpdateReport(time.perf_counter() - start, status, residual, self.n)
         return Update(following, following, report)
 
+    def targets(self, feedforward: Array, error: Array) -> Array:
+        """What the outputs of the recursion are to reach, (N, 3): G_e e_j, -G_f f_j and 0."""
+        shaped = _shape(self.weights.error, error), -_shape(self.weights.feedforward, feedforward)
+        return np.column_stack([*shaped, np.zeros(self.n)])
+
     def kkt(self, feedforward: Array, error: Array, change: Array) -> float:
-        """Gradient of criterion (3) at f_j + change by filtering forwards and backwards, relative
-        to the gradient of its error term at f_j."""
+        """Gradient of criterion (3) at f_j + change relative to that of its error term at f_j."""
+        size = max(self.size(error), 1e-300)
+        return float(np.linalg.norm(self.gradient(feedforward, error, change)) / size)
+
+    def size(self, error: Array) -> float:
+        """2-norm of half the gradient of the error term at f_j: what stationarity is relative to."""
+        pulled = self.process_sensitivity.filter(_square(self.weights.error, error)[::-1])
+        return float(np.linalg.norm(pulled))
+
+    def gradient(self, feedforward: Array, error: Array, change: Array) -> Array:
+        """Half the gradient of criterion (3) at f_j + change, filtered forwards and backwards."""
         w, sp = self.weights, self.process_sensitivity
         inner = _square(w.error, error - sp.filter(change))
         gradient = -sp.filter(inner[::-1])[::-1]
-        scale = np.linalg.norm(sp.filter(_square(w.error, error)[::-1]))
         gradient += _square(w.feedforward, feedforward + change)
         gradient += _square(w.feedforward_change, change)
-        return float(np.linalg.norm(gradient) / max(float(scale), 1e-300))
+        return gradient
 
 
 def _shape(weight, signal):  # type: ignore[no-untyped-def]

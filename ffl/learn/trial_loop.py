@@ -12,6 +12,7 @@ from numpy.random import Generator, SeedSequence
 from ffl.bases import Basis, FreeSignal
 from ffl.errors import InputError
 from ffl.learn.constraints import Constraints
+from ffl.learn.free_bounded import BoundedFreeSignal
 from ffl.learn.free_signal import FreeSignalUpdate
 from ffl.learn.norm_optimal import NormOptimal, Update, UpdateReport
 from ffl.learn.weights import Weights
@@ -55,7 +56,7 @@ class LearningTask:
                 self.model, self.basis, self.reference, self.weights, self.constraints, self.update
             )
         if self.constraints.any:
-            raise InputError("basis kind 'free' takes no bounds; use a basis with few parameters")
+            return BoundedFreeSignal(self.model, self.reference, self.weights, self.constraints)
         return FreeSignalUpdate(self.model, self.reference, self.weights)
 
 
@@ -111,7 +112,7 @@ def learn(
         else:
             following: Update
             if isinstance(updater, FreeSignalUpdate):
-                following = updater.update(last.feedforward, last.error)
+                following = updater.update(last.feedforward, last.error, last.recording.u)
             else:
                 following = updater.update(last.theta, last.error, last.recording.u)
             theta, feedforward, report = following.theta, following.feedforward, following.report

@@ -115,7 +115,7 @@ def test_the_exact_model_without_noise_leaves_only_what_the_basis_cannot(long_re
         ({"update": "best"}, FIR(1, 1), "update = 'best': unknown"),
         ({"update": "riccati"}, FIR(1, 1), "'riccati' is for basis kind 'free'"),
         ({"update": "osqp"}, FreeSignal(), "does not fit"),
-        ({"constraints": Constraints(feedforward=1.0)}, FreeSignal(), "takes no bounds"),
+        ({"constraints": Constraints(parameters=1.0)}, FreeSignal(), "has no parameters"),
     ],
 )
 def test_tasks_that_contradict_themselves_are_refused(more, basis, message, long_reference):
