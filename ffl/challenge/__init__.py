@@ -5,7 +5,7 @@ integrator, own discretisation, plant files written as plain text.
 """
 
 from ffl.challenge.case import make_case
-from ffl.challenge.make import NullCase, make, null_recordings
+from ffl.challenge.make import NullCase, make, null_case, null_recordings
 from ffl.challenge.score import score
 from ffl.challenge.scorecard import Bar, bars, markdown
 from ffl.challenge.solve import CaseFiles, find_cases, shipped_diagnosis, solve
@@ -23,6 +23,7 @@ __all__ = [
     "make",
     "make_case",
     "markdown",
+    "null_case",
     "null_recordings",
     "score",
     "shipped_diagnosis",

@@ -106,23 +106,27 @@ class NullCase:
                 write.table(home / f"{label}_{k + 1}.csv", rows)
 
 
+def null_case(number: int, seed: int, machines: tuple[str, ...] = tuple(FAMILIES)) -> NullCase:
+    """A cheap case with nothing left out; depends on `seed` and `number` alone. About 0.1 s.
+
+    Nominal parameters are off as a careful engineer has them (mass up to 0.6 %).
+    """
+    rng = np.random.default_rng([seed, 9, number])
+    setup = draw_setup(machines[number % len(machines)], "careful", rng)
+    noise = draw_noise(setup, measure(setup), rng)
+    groups = []
+    for plan in (setup.fit, setup.validate):
+        rows = []
+        for e in plan:
+            y, u = run(Build.of(setup.true), setup, e, noise, rng)
+            rows.append(write.columns(e, y, u, setup.sample_time))
+        groups.append(tuple(rows))
+    return NullCase(setup.family, write.plant_text(setup, noise, None), *groups)
+
+
 def null_recordings(
     count: int, seed: int, machines: tuple[str, ...] = tuple(FAMILIES)
 ) -> Iterator[NullCase]:
-    """Yield cheap cases with nothing left out: several loops, noises and trajectories.
-
-    Nominal parameters are off as a careful engineer has them (mass up to 0.6 %). Case k depends
-    on `seed` and k alone. About 0.1 s each.
-    """
-    for k in range(count):
-        rng = np.random.default_rng([seed, 9, k])
-        setup = draw_setup(machines[k % len(machines)], "careful", rng)
-        noise = draw_noise(setup, measure(setup), rng)
-        groups = []
-        for plan in (setup.fit, setup.validate):
-            rows = []
-            for e in plan:
-                y, u = run(Build.of(setup.true), setup, e, noise, rng)
-                rows.append(write.columns(e, y, u, setup.sample_time))
-            groups.append(tuple(rows))
-        yield NullCase(setup.family, write.plant_text(setup, noise, None), *groups)
+    """`null_case` 0 .. count - 1: several loops, noises and trajectories."""
+    for number in range(count):
+        yield null_case(number, seed, machines)
