@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +19,7 @@ from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
 
 WORST = 1e30
+Key = tuple[str, str, int, tuple[str, int] | None]
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,12 @@ class Scene:
     def whiten(self, residuals: Sequence[Array]) -> Array:
         return np.concatenate([w(e) for w, e in zip(self.whiteners, residuals, strict=True)])
 
+    def whiten_stacked(self, columns: Array) -> Array:
+        """Columns (N, k) over all recordings, whitened together: many at once cost little more
+        than one."""
+        cuts = np.cumsum([len(t) for t in self.trials])[:-1]
+        return self.whiten(np.split(columns, cuts))
+
     def with_noise_of(
         self, residuals: Sequence[Array], coloured: bool = True, quantile: float | None = None
     ) -> Scene:
@@ -85,13 +92,24 @@ class Scene:
 class Fit:
     """A hypothesis at its best point: whitened residual, its Jacobian, and the likelihood.
 
-    `jacobian` (N, p) is of the whitened prediction, in units of theta.
+    `jacobian` (N, p) is of the whitened prediction, `columns` (N, p) of y itself, in units of theta.
     """
 
     model: Model
     white: Array
     jacobian: Array
+    columns: Array
     status: str
+
+    def known(self, kinds: Sequence[str] = ("correction", "given", "effect", "option")) -> dict[Key, Array]:
+        """The columns by what they belong to: near enough for the first step of another fit."""
+        keys = [c.key for c in self.model.coordinates]
+        return {key: self.columns[:, k] for k, key in enumerate(keys) if key[0] in kinds}
+
+    @property
+    def surprise(self) -> float:
+        """-log of the prior density of the corrections, 0 at nominal."""
+        return float(np.sum(_surprise(self.model.theta, _doubts(self.model))))
 
     @property
     def cost(self) -> float:
@@ -121,14 +139,19 @@ class Fit:
 _POOL = ThreadPoolExecutor(2)
 
 
-def jacobian(scene: Scene, model: Model, base: Sequence[Array], only: Sequence[int] | None = None):
-    """Columns d yhat / d theta, whitened, by one-sided differences; (N, p)."""
+def jacobian(
+    scene: Scene, model: Model, base: Sequence[Array], known: Mapping[Key, Array] | None = None
+) -> Array:
+    """Columns d yhat / d theta by one-sided differences, (N, p); those `known` are taken from
+    there."""
     theta = model.theta
     coordinates = model.coordinates
-    wanted = range(len(theta)) if only is None else only
+    known = known or {}
 
     def column(k: int) -> Array:
         c = coordinates[k]
+        if c.key in known:
+            return known[c.key]
         step = c.step
         if theta[k] + step > c.upper:
             step = -step
@@ -137,88 +160,142 @@ def jacobian(scene: Scene, model: Model, base: Sequence[Array], only: Sequence[i
         residuals = scene.residuals(model.at(moved))
         if residuals is None:
             return np.zeros(scene.samples)
-        return scene.whiten([(a - b) / step for a, b in zip(base, residuals, strict=True)])
+        return np.concatenate([(a - b) / step for a, b in zip(base, residuals, strict=True)])
 
-    columns = list(_POOL.map(column, wanted))
+    columns = list(_POOL.map(column, range(len(theta))))
     return np.column_stack(columns) if columns else np.zeros((scene.samples, 0))
 
 
-def fit(scene: Scene, model: Model, *, rounds: int = 12, tolerance: float = 0.02) -> Fit:
+def _doubts(model: Model) -> Array:
+    return np.array([c.doubt for c in model.coordinates])
+
+
+def _surprise(theta: Array, doubts: Array) -> Array:
+    """-log of Student's density with two degrees of freedom: an engineer's numbers are right to a
+    few per cent, and now and then quite wrong."""
+    return 1.5 * np.log1p(0.5 * (theta / doubts) ** 2)
+
+
+def fit(
+    scene: Scene,
+    model: Model,
+    *,
+    rounds: int = 12,
+    tolerance: float = 0.02,
+    known: Mapping[Key, Array] | None = None,
+) -> Fit:
     """Levenberg-Marquardt from `model`; stops where a step promises less than `tolerance` in the
     sum of squares (in units of the noise). Broyden's rank-one update spares differences while the
-    steps do what they promise.
+    steps do what they promise; columns `known` from elsewhere spare the first of them. The
+    corrections of the linear model pay for leaving their nominal values (`Coordinate.doubt`).
     """
     theta = model.theta
     residuals = scene.residuals(model)
     if residuals is None:
         white = np.full(scene.samples, np.sqrt(WORST / scene.samples))
-        return Fit(model, white, np.zeros((scene.samples, len(theta))), "diverged")
+        empty = np.zeros((scene.samples, len(theta)))
+        return Fit(model, white, empty, empty, "diverged")
     white = scene.whiten(residuals)
     if not len(theta):
-        return Fit(model, white, np.zeros((len(white), 0)), "converged")
-    j = jacobian(scene, model, residuals)
-    fresh, damping, status = True, 1e-4, "rounds"
+        empty = np.zeros((len(white), 0))
+        return Fit(model, white, empty, empty, "converged")
+    doubts = _doubts(model)
+
+    def cost_of(white: Array, theta: Array) -> float:
+        return float(white @ white) + 2.0 * float(np.sum(_surprise(theta, doubts)))
+
+    columns = jacobian(scene, model, residuals, known)
+    j = scene.whiten_stacked(columns)
+    fresh, damping, status = not known, 1e-4, "rounds"
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
     for _ in range(rounds):
-        step, promised = _step(j, white, damping, theta, lower, upper)
+        pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
+        step, promised = _step(j, white, damping, theta, lower, upper, pull)
         if promised < tolerance:
             if fresh or promised < 0.1 * tolerance:
                 status = "converged"
                 break
-            j, fresh = jacobian(scene, model, residuals), True
+            columns = jacobian(scene, model, residuals)
+            j, fresh = scene.whiten_stacked(columns), True
             continue
         trial_theta = np.clip(theta + step, lower, upper)
         candidate = model.at(trial_theta)
         tried = scene.residuals(candidate)
-        cost = float(white @ white)
+        gained = -np.inf
         if tried is not None:
             tried_white = scene.whiten(tried)
-            gained = cost - float(tried_white @ tried_white)
-        else:
-            gained = -np.inf
+            gained = cost_of(white, theta) - cost_of(tried_white, trial_theta)
         if gained > 0:
             moved = trial_theta - theta
             ratio = gained / promised
+            weighted = moved * np.linalg.norm(j, axis=0) ** 2
+            secant = weighted / max(moved @ weighted, 1e-300)
             change = white - tried_white - j @ moved
-            size = np.linalg.norm(j, axis=0)
-            weighted = moved * size**2
+            raw = np.concatenate(residuals) - np.concatenate(tried) - columns @ moved
             theta, model, residuals, white = trial_theta, candidate, tried, tried_white
             damping *= 0.2 if ratio > 0.5 else 2.0
             if ratio > 0.7:
-                j = j + np.outer(change, weighted / max(moved @ weighted, 1e-300))
+                j, columns = j + np.outer(change, secant), columns + np.outer(raw, secant)
                 fresh = False
             elif gained > tolerance:
-                j, fresh = jacobian(scene, model, residuals), True
+                model, residuals, white = _resettled(scene, model, residuals, white)
+                columns = jacobian(scene, model, residuals)
+                j, fresh = scene.whiten_stacked(columns), True
         elif fresh:
             damping = max(damping * 10.0, 1e-3)
             if damping > 1e6:
                 status = "stalled"
                 break
         else:
-            j, fresh = jacobian(scene, model, residuals), True
-    return Fit(model, white, j, status)
+            columns = jacobian(scene, model, residuals)
+            j, fresh = scene.whiten_stacked(columns), True
+    return Fit(model, white, j, columns, status)
 
 
-def _step(j: Array, white: Array, damping: float, theta: Array, lower: Array, upper: Array):
-    """The damped step within the bounds and the decrease the linear model promises for it."""
-    scale = np.linalg.norm(j, axis=0)
+def _resettled(scene: Scene, model: Model, residuals: list[Array], white: Array):
+    """The model with as many sub-steps as its numbers now ask for: they stay fixed in between, since
+    a step in them would show as a step in the differences."""
+    other = model.resettled()
+    if other.substeps == model.substeps:
+        return model, residuals, white
+    again = scene.residuals(other)
+    if again is None:
+        return model, residuals, white
+    return other, again, scene.whiten(again)
+
+
+def _step(
+    j: Array,
+    white: Array,
+    damping: float,
+    theta: Array,
+    lower: Array,
+    upper: Array,
+    pull: Array,
+) -> tuple[Array, float]:
+    """The damped step within the bounds and the decrease the linear model promises for it; `pull`
+    draws theta to zero with so many standard deviations per unit."""
+    p = len(theta)
+    q, r = np.linalg.qr(j)
+    white_in = np.append(q.T @ white, -pull * theta)
+    r = np.vstack([r, np.diag(pull)])
+    scale = np.linalg.norm(r, axis=0)
     free = scale > 1e-10 * max(scale.max(), 1e-300)
-    step = np.zeros(len(theta))
+    step = np.zeros(p)
     for _ in range(3):
         index = np.flatnonzero(free)
         if not len(index):
             break
-        q, r = np.linalg.qr(j[:, index] / scale[index])
-        target = q.T @ (white - j @ np.where(free, 0.0, step))
-        k = len(index)
-        stacked = np.vstack([r, np.sqrt(damping) * np.eye(k)])
-        solution = np.linalg.lstsq(stacked, np.append(target, np.zeros(k)), rcond=1e-12)[0]
+        target = white_in - r @ np.where(free, 0.0, step)
+        stacked = np.vstack([r[:, index] / scale[index], np.sqrt(damping) * np.eye(len(index))])
+        padded = np.append(target, np.zeros(len(index)))
+        solution = np.linalg.lstsq(stacked, padded, rcond=1e-12)[0]
         step[index] = solution / scale[index]
         out = free & ((theta + step < lower) | (theta + step > upper))
         if not out.any():
             break
         step[out] = np.clip(theta + step, lower, upper)[out] - theta[out]
         free = free & ~out
-    left = white - j @ step
-    return step, float(white @ white - left @ left)
+    left = white_in - r @ step
+    return step, float(white_in @ white_in - left @ left)

@@ -140,7 +140,7 @@ def free_form(scene: Scene, held: Scene | None, model: Model, standing: Fit | No
         judged = replace(held, noise=scene.noise)
         residuals = judged.residuals(model)
         if residuals is not None:
-            blank = Fit(model, judged.whiten(residuals), np.zeros((judged.samples, 0)), "held out")
+            blank = Fit(model, judged.whiten(residuals), *[np.zeros((judged.samples, 0))] * 2, "held out")
             own = Screen(judged, blank)
     out = []
     for term in TERMS:
@@ -186,7 +186,7 @@ def held_jacobian(own: Screen, model: Model, train: Screen) -> Array:
     key = "_held_jacobian"
     if not hasattr(own, key):
         base = own.scene.residuals(model)
-        setattr(own, key, jacobian(own.scene, model, base))
+        setattr(own, key, own.scene.whiten_stacked(jacobian(own.scene, model, base)))
     return getattr(own, key)
 
 

@@ -23,6 +23,7 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
 REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 1.5}  # logarithms
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 MOST_SUBSTEPS = 4
+DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
 STEP = 2e-3  # of a coordinate's scale: difference step; stick-slip makes smaller ones noisy
 LOG_STEP = 4e-3
 
@@ -44,6 +45,12 @@ class Coordinate:
     lower: float = -np.inf
     upper: float = np.inf
     log: bool = False
+    doubt: float = np.inf  # standard deviation of what is believed of it, about zero
+
+    @property
+    def key(self) -> tuple[str, str, int, tuple[str, int] | None]:
+        """What it is the number of."""
+        return self.kind, self.name, self.effect, self.place
 
     @property
     def step(self) -> float:
@@ -89,15 +96,23 @@ class Model:
     def simulator(self) -> Simulator:
         return simulator_with(self.base.simulator, dict(self.corrections))
 
+    @cached_property
+    def substeps(self) -> int:
+        """Sub-steps of a sample. `at` keeps them: a step in them would be a step in y."""
+        needed = self.simulator.substeps(self.acting)
+        stiff = any(spec.name in STIFF for spec in self.acting)
+        return min(MOST_SUBSTEPS, needed) if stiff else needed
+
+    def resettled(self) -> Model:
+        """The same numbers with the sub-steps they ask for."""
+        return replace(self)
+
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(effect.name for effect in self.effects)
 
     def simulate(self, trial: Trial, watch: Sequence[tuple[str, float | None]] = ()) -> Simulation:
         """The free-running loop from the recording's own start; `watch`: see `Simulator.run`."""
-        substeps = None
-        if any(spec.name in STIFF for spec in self.acting):
-            substeps = min(MOST_SUBSTEPS, self.simulator.substeps(self.acting))
         return self.simulator.run(
             self.acting,
             trial.reference,
@@ -106,7 +121,7 @@ class Model:
             start=trial.start,
             start_time=trial.start_time,
             watch=watch,
-            substeps=substeps,
+            substeps=self.substeps,
         )
 
     def plant(self) -> Plant:
@@ -130,7 +145,9 @@ class Model:
         for c in self.base.corrections:
             if c.name in self.held:
                 continue
-            yield Coordinate("correction", c.name, -1, None, c.scale, c.lower, c.upper)
+            yield Coordinate(
+                "correction", c.name, -1, None, c.scale, c.lower, c.upper, doubt=DOUBT * c.scale
+            )
 
     def _numbers(self, kind: str, specs: Sequence[EffectSpec]) -> Iterator[Coordinate]:
         for i, spec in enumerate(specs):
@@ -215,6 +232,7 @@ class Model:
         effects = tuple(replace(e, options=o) for e, o in zip(effects, options, strict=True))
         other = Model(self.base, corrections, effects, self.held, given)
         object.__setattr__(other, "coordinates", self.coordinates)
+        object.__setattr__(other, "substeps", self.substeps)
         return other
 
     def with_effect(self, spec: EffectSpec) -> Model:

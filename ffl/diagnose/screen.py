@@ -104,6 +104,7 @@ class Screen:
         self.scene, self.fit, self.model = scene, fit, fit.model
         self.setting = self.model.simulator
         self._impulses: dict[Place, list[Array]] = {}
+        self._spectra: dict[Place, list[tuple[int, Array]]] = {}
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
         self.basis = _orthonormal(fit.jacobian)
         self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
@@ -147,11 +148,20 @@ class Screen:
     def through(self, place: Place, columns: Sequence[Array]) -> Array:
         """Regressors of each recording (N_i, k) filtered to whitened y and stacked."""
         out = []
-        for x, h in zip(columns, self.impulses(place), strict=True):
-            n = scipy.fft.next_fast_len(len(x) + len(h) - 1, real=True)
-            spectrum = scipy.fft.rfft(x, n, axis=0) * scipy.fft.rfft(h, n)[:, None]
-            out.append(scipy.fft.irfft(spectrum, n, axis=0)[: len(x)])
+        for x, (n, response) in zip(columns, self._responses(place), strict=True):
+            spectrum = scipy.fft.rfft(x.T, n) * response
+            out.append(scipy.fft.irfft(spectrum, n)[:, : len(x)].T)
         return np.concatenate(out)
+
+    def _responses(self, place: Place) -> list[tuple[int, Array]]:
+        """Length of the transform and spectrum of the impulse response, one per recording."""
+        if place not in self._spectra:
+            out = []
+            for trial, h in zip(self.scene.trials, self.impulses(place), strict=True):
+                n = scipy.fft.next_fast_len(len(trial) + len(h) - 1, real=True)
+                out.append((n, scipy.fft.rfft(h, n)))
+            self._spectra[place] = out
+        return self._spectra[place]
 
     # --- motion ----------------------------------------------------------------------------------
 
@@ -180,6 +190,11 @@ class Screen:
         floor = NORM_FLOOR * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         if np.any(size <= floor):
             return 0.0, np.zeros(columns.shape[1])
+        if len(size) == 1:  # most of the grid: no factorisation needed
+            coefficients = np.array([beyond[:, 0] @ self.residual]) / size
+            if positive and coefficients[0] < 0:
+                return 0.0, np.zeros(1)
+            return float(coefficients[0] ** 2), coefficients / size
         q, r = np.linalg.qr(beyond / size)
         if np.abs(np.diag(r)).min() < 1e-7:
             return 0.0, np.zeros(columns.shape[1])

@@ -61,17 +61,21 @@ class Judged:
 
     @property
     def score(self) -> float:
-        return self.fitted + self.held_out - PER_NUMBER * self.freedom
+        return self.fitted + self.held_out - PER_NUMBER * self.freedom - self.fit.surprise
 
     @property
     def name(self) -> str:
         return " + ".join(self.model.names) or "nothing"
 
 
-def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> Judged:
-    """Fits `model` under the scene's noise, then under its own, and scores it."""
+def judge(
+    scene: Scene, held: Scene | None, model: Model, rounds: int = 10, like: Fit | None = None
+) -> Judged:
+    """Fits `model` under the scene's noise, then under its own, and scores it. The corrections'
+    columns of the fit it is `like` save differences."""
     scene = with_clocks(scene, model, 1)
-    first = fit(scene, model, rounds=rounds)
+    known = None if like is None else like.known(("correction", "given"))
+    first = fit(scene, model, rounds=rounds, known=known)
     if held is not None and held.free_clocks and first.status != "diverged":
         held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
     quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
@@ -82,7 +86,7 @@ def judge(scene: Scene, held: Scene | None, model: Model, rounds: int = 10) -> J
         if min(cleaner.noise.force / quieter, cleaner.noise.sensor / quieter_sensor) > CLEANER:
             break
         quieter, quieter_sensor = cleaner.noise.force, cleaner.noise.sensor
-        first = fit(cleaner, first.model, rounds=max(4, rounds // 2))
+        first = fit(cleaner, first.model, rounds=max(4, rounds // 2), known=first.known())
     # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
     # let slow physics go as noise, and its absence in the score would take noise for physics.
     residuals = _raw(scene, first.model)
@@ -200,7 +204,7 @@ def contest(
             taken.add("drift")
         fresh = [c for c in screened if c.spec.name not in taken and c.gain > least]
         for c in shortlist(fresh):
-            rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), rounds=6)
+            rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), 6, base.fit)
             say(
                 f"  {rival.name}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
@@ -209,7 +213,7 @@ def contest(
         rivals.sort(key=lambda j: -j.score)
         for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
             if rival.score > base.score and rival.fit.status == "rounds":
-                rivals[k] = judge(quiet, held, rival.model, rounds=8)
+                rivals[k] = judge(quiet, held, rival.model, 8, rival.fit)
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if _earns(r, base, threshold)]
         accepted = worthy[0] if worthy else None
@@ -299,7 +303,7 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
         level = float(np.mean([finer["positive"], finer["negative"]]))
         effects = list(current.model.effects)
         effects[index] = replace(spec, parameters={"table": finer, "level": level})
-        other = judge(quiet, held, replace(current.model, effects=tuple(effects)), rounds=4)
+        other = judge(quiet, held, replace(current.model, effects=tuple(effects)), 4, current.fit)
         say(f"  {len(grid)} knots: {other.score - current.score:+.1f}")
         if other.score < current.score + SUBSTITUTE:
             break
@@ -326,7 +330,7 @@ def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str]
         if name not in current.model.names:
             continue
         index = current.model.names.index(name)
-        without = judge(quiet, held, current.model.without(index), rounds=6)
+        without = judge(quiet, held, current.model.without(index), 6, current.fit)
         say(f"  without {name}: {without.score - current.score:+.1f}")
         if without.score > current.score - KEEP and len(current.model.effects) > 1:
             current = without
@@ -336,7 +340,7 @@ def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str]
         screened = Screen(quiet, without.fit).candidates([name, *siblings])
         for c in shortlist([c for c in screened if c.spec.name != name], 2)[:2]:
             start = with_best_start(quiet, without.model, c.spec)
-            other = judge(quiet, held, start, rounds=8)
+            other = judge(quiet, held, start, 8, without.fit)
             say(f"  {c.spec.name} for {name}: {other.score - current.score:+.1f}")
             if other.score > current.score + SUBSTITUTE:
                 current = other

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
@@ -51,12 +53,10 @@ class FlexibleMode(Effect):
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """M (a - H a), H the hung mass's own second-order response: first order in mass_fraction."""
-        from scipy.signal import cont2discrete, lfilter
+        from scipy.signal import lfilter
 
-        pulsation = 2.0 * np.pi * nonlinear["frequency"]
-        top = [2.0 * nonlinear["damping"] * pulsation, pulsation**2]
-        b, a, _ = cont2discrete((top, [1.0, *top]), motion.sample_time, method="foh")
-        held = lfilter(b[0], a, motion.a)
+        b, a = _hung(nonlinear["frequency"], nonlinear["damping"], motion.sample_time)
+        held = lfilter(b, a, motion.a)
         return np.column_stack([motion.mass * (motion.a - held)])
 
     def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
@@ -67,3 +67,14 @@ class FlexibleMode(Effect):
             f"Of the moving mass, {100 * values['mass_fraction']:.3g} % sits on a spring, with its "
             f"resonance at {values['frequency']:.4g} Hz (damping {values['damping']:.2g})."
         )
+
+
+@lru_cache(maxsize=512)
+def _hung(frequency: float, damping: float, sample_time: float) -> tuple[Array, Array]:
+    """Numerator and denominator of the hung mass's own response, straight between samples."""
+    from scipy.signal import cont2discrete
+
+    pulsation = 2.0 * np.pi * frequency
+    top = [2.0 * damping * pulsation, pulsation**2]
+    b, a, _ = cont2discrete((top, [1.0, *top]), sample_time, method="foh")
+    return b[0], a
