@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ffl.diagnose.judging import Judged
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.result import ModelCorrection
-from ffl.diagnose.search import Judged
 
 
 def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:

@@ -13,13 +13,15 @@ from ffl.diagnose import sound, where
 from ffl.diagnose.corrections import corrections
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import FreeForm, free_form
+from ffl.diagnose.judging import Judged, judge
 from ffl.diagnose.line import across_the_line
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
 from ffl.diagnose.observer import led, needs_observer, with_observer
+from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.prove import prove, run_plant
 from ffl.diagnose.result import Diagnosis, Finding, Number
-from ffl.diagnose.search import Judged, Step, contest, judge
+from ffl.diagnose.search import Outcome, Step, contest
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.trials import prepare, stretches
 from ffl.effects import EFFECTS
@@ -74,7 +76,7 @@ def diagnose(
         model = with_observer(model)
         recordings, validation = led(recordings), led(validation)
         everything = [*recordings, *validation]
-    base = Base.of(model)
+    base = Base.of(model, max(float(np.ptp(r.y)) for r in everything))
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = _blocks(recordings)
@@ -89,8 +91,8 @@ def diagnose(
         return _unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
-    standing, steps, judged_by = contest(scene, held, nominal, THRESHOLD, progress=say)
-    held = judged_by or held
+    outcome = contest(scene, held, nominal, THRESHOLD, progress=say)
+    standing, held = outcome.standing, outcome.held or held
     if len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")
@@ -101,7 +103,7 @@ def diagnose(
         held = with_starts(replace(held, noise=scene.noise), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
     standing = across_the_line(standing.scene, held, standing)
-    return _conclude(stated, nominal, scene, held, standing, steps, health, notes, rng)
+    return _conclude(stated, nominal, scene, held, standing, outcome, health, notes, rng)
 
 
 def _require_command(recordings: Sequence[Recording]) -> None:
@@ -156,7 +158,7 @@ def _conclude(
     scene: Scene,
     held: Scene,
     standing: Judged,
-    steps: list[Step],
+    outcome: Outcome,
     health: sound.Soundness,
     notes: list[str],
     rng: Generator,
@@ -187,7 +189,7 @@ def _conclude(
             frequency_band_hz=where.band(maps_before),
             time_s=where.stretches(maps_before),
         )
-    findings = tuple(_finding(standing, index, steps, model) for index in range(len(effects)))
+    findings = tuple(_finding(standing, index, outcome, model) for index in range(len(effects)))
     return Diagnosis(
         plant=model,
         augmented=augmented,
@@ -198,7 +200,7 @@ def _conclude(
         proof=proof,
         advice=_advice(verdict, place, findings),
         soundness=health,
-        steps=tuple(steps),
+        steps=tuple(outcome.steps),
         judged=standing,
         maps_before=maps_before,
         maps_after=maps_after,
@@ -242,7 +244,7 @@ def _excess(plant: Plant, standing: Judged) -> float:
     return float(np.sqrt(np.mean(left) / np.mean(stated)))
 
 
-def _finding(standing: Judged, index: int, steps: list[Step], plant: Plant) -> Finding:
+def _finding(standing: Judged, index: int, outcome: Outcome, plant: Plant) -> Finding:
     spec = standing.model.effects[index]
     effect = EFFECTS[spec.name]
     spreads = dict(zip(standing.model.coordinates, standing.fit.spread, strict=True))
@@ -254,16 +256,16 @@ def _finding(standing: Judged, index: int, steps: list[Step], plant: Plant) -> F
             if c.kind == "effect" and c.effect == index and c.name == name and c.place is None:
                 error = float(spread * value if c.log else spread)
         numbers[name] = Number(value, unit, error)
-    probabilities = _probabilities(spec.name, steps)
-    own = probabilities.pop(spec.name, 1.0)
-    others = sorted(probabilities.items(), key=lambda item: -item[1])
+    shares = probabilities(spec.name, outcome.contenders)
+    own = shares.pop(spec.name)
+    others = sorted(shares.items(), key=lambda item: -item[1])
     return Finding(
         spec.name,
         effect.component,
         numbers,
         spec.options,
         own,
-        _p_value(spec.name, steps),
+        _p_value(spec.name, outcome.steps),
         effect.says(effect.check(spec), plant),
         tuple((name, p) for name, p in others if p > 1e-3)[:4],
     )
@@ -274,23 +276,6 @@ def _round_of(name: str, steps: list[Step]) -> Step | None:
         if step.accepted is not None and step.accepted.model.names[-1] == name:
             return step
     return None
-
-
-def _probabilities(name: str, steps: list[Step]) -> dict[str, float]:
-    """Between the rivals of the round in which `name` won: by score."""
-    step = _round_of(name, steps)
-    if step is None:
-        return {name: 0.99}
-    assert step.accepted is not None
-    top = step.accepted.score  # who scored higher was turned down for losing on one side
-    scores: dict[str, float] = {}
-    for r in step.rivals:
-        if np.isfinite(r.score) and r.score <= top:
-            scores[r.model.names[-1]] = max(scores.get(r.model.names[-1], -np.inf), r.score)
-    scores[name] = top
-    weights = {n: float(np.exp(max(s - top, -700.0))) for n, s in scores.items()}
-    total = sum(weights.values()) / 0.995
-    return {n: w / total for n, w in weights.items()}
 
 
 def _p_value(name: str, steps: list[Step]) -> float | None:

@@ -101,7 +101,9 @@ class Fit:
     columns: Array
     status: str
 
-    def known(self, kinds: Sequence[str] = ("correction", "given", "effect", "option")) -> dict[Key, Array]:
+    def known(
+        self, kinds: Sequence[str] = ("correction", "given", "effect", "option")
+    ) -> dict[Key, Array]:
         """The columns by what they belong to: near enough for the first step of another fit."""
         keys = [c.key for c in self.model.coordinates]
         return {key: self.columns[:, k] for k, key in enumerate(keys) if key[0] in kinds}
@@ -200,6 +202,7 @@ def fit(
         empty = np.zeros((len(white), 0))
         return Fit(model, white, empty, empty, "converged")
     doubts = _doubts(model)
+    units = np.array([c.scale for c in model.coordinates])
 
     def cost_of(white: Array, theta: Array) -> float:
         return float(white @ white) + 2.0 * float(np.sum(_surprise(theta, doubts)))
@@ -211,7 +214,7 @@ def fit(
     upper = np.array([c.upper for c in model.coordinates])
     for _ in range(rounds):
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
-        step, promised = _step(j, white, damping, theta, lower, upper, pull)
+        step, promised = _step(j, white, damping, theta, lower, upper, pull, units)
         if promised < tolerance:
             if fresh or promised < 0.1 * tolerance:
                 status = "converged"
@@ -273,15 +276,17 @@ def _step(
     lower: Array,
     upper: Array,
     pull: Array,
+    units: Array,
 ) -> tuple[Array, float]:
     """The damped step within the bounds and the decrease the linear model promises for it; `pull`
-    draws theta to zero with so many standard deviations per unit."""
+    draws theta to zero with so many standard deviations per unit. What moves nothing by its own
+    size (`units`) stays."""
     p = len(theta)
     q, r = np.linalg.qr(j)
     white_in = np.append(q.T @ white, -pull * theta)
     r = np.vstack([r, np.diag(pull)])
     scale = np.linalg.norm(r, axis=0)
-    free = scale > 1e-10 * max(scale.max(), 1e-300)
+    free = scale * units > 1e-10 * max((scale * units).max(), 1e-300)
     step = np.zeros(p)
     for _ in range(3):
         index = np.flatnonzero(free)

@@ -140,7 +140,9 @@ def free_form(scene: Scene, held: Scene | None, model: Model, standing: Fit | No
         judged = replace(held, noise=scene.noise)
         residuals = judged.residuals(model)
         if residuals is not None:
-            blank = Fit(model, judged.whiten(residuals), *[np.zeros((judged.samples, 0))] * 2, "held out")
+            blank = Fit(
+                model, judged.whiten(residuals), *[np.zeros((judged.samples, 0))] * 2, "held out"
+            )
             own = Screen(judged, blank)
     out = []
     for term in TERMS:

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.fit import Scene
+from ffl.diagnose.judging import Judged, judge
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
-from ffl.diagnose.search import Judged, judge
 from ffl.systems.plant import EffectSpec
 
 LINE = 0.02  # relative mass; share of the RMS force on the plant

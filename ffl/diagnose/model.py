@@ -20,7 +20,10 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
     "position_dependent_gain": ("centre",),
     "position_dependent_friction": ("level",),
 }
-REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 1.5}  # logarithms
+REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
+# Presliding friction and hysteresis are one law at two lengths: a contact that gives way over a
+# small part of the travel before it slides, a force that remembers the path over a large one.
+CONTACT = 0.025  # of the travel
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 MOST_SUBSTEPS = 4
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
@@ -64,11 +67,12 @@ class Base:
     plant: Plant
     simulator: Simulator
     corrections: tuple[Correction, ...]
+    travel: float = 0.0  # range of y in the recordings
 
     @classmethod
-    def of(cls, plant: Plant) -> Base:
+    def of(cls, plant: Plant, travel: float = 0.0) -> Base:
         simulator = Simulator(plant)
-        return cls(plant, simulator, corrections_of(simulator.mechanics))
+        return cls(plant, simulator, corrections_of(simulator.mechanics), travel)
 
 
 @dataclass(frozen=True)
@@ -176,6 +180,8 @@ class Model:
             reach = REACH.get(parameter.name, 3.0)
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
             high = min(np.log(upper), at + reach)
+            low = max(low, self._shortest(spec, parameter.name))
+            high = max(high, low + 0.1)
             return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True)
         alike = [
             abs(float(spec.parameters[p.name]))
@@ -186,6 +192,15 @@ class Model:
         if parameter.unit == "rad":
             scale = 1.0
         return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
+
+    def _shortest(self, spec: EffectSpec, name: str) -> float:
+        """Logarithm of the least value that keeps presliding friction and hysteresis apart."""
+        length = CONTACT * self.base.travel
+        if length > 0 and (spec.name, name) == ("hysteresis", "displacement"):
+            return float(np.log(length))
+        if length > 0 and (spec.name, name) == ("presliding_friction", "stiffness"):
+            return float(np.log(spec.parameters["level"] / (1.4 * length)))
+        return -np.inf
 
     @cached_property
     def theta(self) -> Array:

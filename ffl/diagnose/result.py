@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.judging import Judged
 from ffl.diagnose.prove import Proof
-from ffl.diagnose.search import Judged, Step
+from ffl.diagnose.search import Step
 from ffl.diagnose.sound import Soundness
 from ffl.diagnose.where import Forces, Map, Place
 from ffl.effects import EFFECTS

@@ -8,7 +8,7 @@ judged by what they take off the residual beyond the linear model's own freedom.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -66,12 +66,13 @@ class Place:
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
-    squares to first order with `freedom` coefficients."""
+    squares to first order with `freedom` coefficients, beside `like`."""
 
     spec: EffectSpec
     gain: float
     freedom: int
-    place: Place = field(default_factory=lambda: Place("force"))
+    place: Place
+    like: Fit
 
 
 def places_of(model: Model) -> list[Place]:
@@ -256,7 +257,7 @@ class Screen:
             )
             chosen = {key: values.pop(key) for key in list(values) if key in effect.options}
             spec = EffectSpec(effect.name, values, {**place.options, **chosen})
-            best = Candidate(spec, gain, columns.shape[1], place)
+            best = Candidate(spec, gain, columns.shape[1], place, self.fit)
         return best
 
     def _columns(

@@ -15,115 +15,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.judging import PER_NUMBER, QUIET, Judged, judge, raw_error, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen
-from ffl.diagnose.starts import with_clocks, with_starts
+from ffl.diagnose.starts import with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
-from ffl.systems.state_space import Array
 
-PER_NUMBER = (
-    4.0  # log-likelihood that one more free number must bring (BIC: half log of N, N ~ 3000)
-)
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
-QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 MOST_KNOTS = 33
 SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
 WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of what it was
-PASSES = 4  # most changes of noise while one hypothesis is fitted
-CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A fitted hypothesis with its own noise: `fitted` and `held_out` log-likelihoods."""
-
-    fit: Fit
-    scene: Scene
-    fitted: float
-    held_out: float
-    held_white: Array
-    held: Scene | None = None
-
-    @property
-    def model(self) -> Model:
-        return self.fit.model
-
-    @property
-    def freedom(self) -> int:
-        return int(np.sum(np.linalg.norm(self.fit.jacobian, axis=0) > 0))
-
-    @property
-    def score(self) -> float:
-        return self.fitted + self.held_out - PER_NUMBER * self.freedom - self.fit.surprise
-
-    @property
-    def name(self) -> str:
-        return " + ".join(self.model.names) or "nothing"
-
-
-def judge(
-    scene: Scene, held: Scene | None, model: Model, rounds: int = 10, like: Fit | None = None
-) -> Judged:
-    """Fits `model` under the scene's noise, then under its own, and scores it. The corrections'
-    columns of the fit it is `like` save differences."""
-    scene = with_clocks(scene, model, 1)
-    known = None if like is None else like.known(("correction", "given"))
-    first = fit(scene, model, rounds=rounds, known=known)
-    if held is not None and held.free_clocks and first.status != "diverged":
-        held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
-    quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
-    if first.status == "diverged":
-        return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
-    for _ in range(PASSES):  # physics that has been found no longer counts as noise
-        cleaner = scene.with_noise_of(_raw(scene, first.model), coloured=False, quantile=QUIET)
-        if min(cleaner.noise.force / quieter, cleaner.noise.sensor / quieter_sensor) > CLEANER:
-            break
-        quieter, quieter_sensor = cleaner.noise.force, cleaner.noise.sensor
-        first = fit(cleaner, first.model, rounds=max(4, rounds // 2), known=first.known())
-    # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
-    # let slow physics go as noise, and its absence in the score would take noise for physics.
-    residuals = _raw(scene, first.model)
-    own = scene.with_noise_of(residuals)
-    white = own.whiten(residuals)
-    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first.model), held)
-
-
-def _raw(scene: Scene, model: Model) -> list[Array]:
-    residuals = scene.residuals(model)
-    return residuals if residuals is not None else [np.full(len(t), 1e3) for t in scene.trials]
-
-
-def held_out(held: Scene | None, scene: Scene, model: Model) -> tuple[float, Array]:
-    """(log-likelihood, whitened residual) of recordings that nothing was fitted to.
-
-    All rivals of a round are whitened alike and the scale is free, -n/2 log(mean square) with n the
-    effective number of samples: a held-out recording that shows something of its own (a faster
-    edge, say) must not make every better model look worse because its noise is smaller.
-    """
-    if held is None or not held.trials:
-        return 0.0, np.zeros(0)
-    judged = replace(held, noise=scene.noise)
-    residuals = judged.residuals(model)
-    if residuals is None:
-        return -np.inf, np.zeros(0)
-    white = judged.whiten(residuals)
-    return -0.5 * effective(white) * float(np.log(np.mean(white**2))), white
-
-
-def effective(white: Array, lags: int = 200) -> float:
-    """Independent samples that a residual with this correlation is worth in its sum of squares."""
-    lags = min(lags, len(white) // 4)
-    power = np.abs(np.fft.rfft(white, 2 * len(white))) ** 2
-    r = np.fft.irfft(power)[: lags + 1]
-    rho = r[1:] / max(r[0], 1e-300)
-    return len(white) / (1.0 + 2.0 * float(np.sum(rho**2)))
+FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
+CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
+ELSEWHERE = 0.4  # of the first-order gain: the same physics at another point worth a fit
 
 
 @dataclass(frozen=True)
@@ -134,6 +45,17 @@ class Step:
     screened: tuple[Candidate, ...]
     rivals: tuple[Judged, ...]
     accepted: Judged | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What stands at the end, all rounds, the held-out recordings with their starts, and for each
+    effect by name every hypothesis that was fitted in its place beside the others, its own included."""
+
+    standing: Judged
+    steps: list[Step]
+    held: Scene | None
+    contenders: dict[str, list[tuple[str, Judged]]]
 
 
 def shortlist(candidates: Sequence[Candidate], depth: int = SHORTLIST) -> list[Candidate]:
@@ -149,7 +71,7 @@ def shortlist(candidates: Sequence[Candidate], depth: int = SHORTLIST) -> list[C
     names = {c.spec.name for c in chosen}
     for c in list(chosen[:2]):  # the same physics at another point of the machine
         elsewhere = [o for o in candidates if o.spec.name == c.spec.name and o is not c]
-        chosen += [o for o in elsewhere if o.gain > 0.4 * c.gain]
+        chosen += [o for o in elsewhere if o.gain > ELSEWHERE * c.gain]
     for c in ranked[:2]:
         for sibling in EFFECTS[c.spec.name].siblings:
             if sibling in best and sibling not in names and best[sibling].gain > 0.02 * top:
@@ -165,24 +87,27 @@ def contest(
     threshold: float,
     most: int = 3,
     progress: Callable[[str], None] | None = None,
-) -> tuple[Judged, list[Step], Scene | None]:
-    """Forward selection with substitution; what stands at the end, all rounds, and the held-out
-    recordings with their starts."""
+) -> Outcome:
+    """Forward selection with substitution."""
     say = progress or (lambda line: None)
     standing = judge(scene, held, model)
     steps: list[Step] = []
+    contenders: dict[str, list[tuple[str, Judged]]] = {}
     last_error = np.inf
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
-        quiet = scene.with_noise_of(_raw(scene, standing.model), coloured=False, quantile=QUIET)
+        quiet = scene.with_noise_of(
+            raw_residuals(scene, standing.model), coloured=False, quantile=QUIET
+        )
         scene, quiet = with_starts(scene, standing.model), with_starts(quiet, standing.model)
         if held is not None:
             held = with_starts(replace(held, noise=quiet.noise), standing.model)
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
         base = refined(quiet, held, base, say)
+        last_contenders = contenders
         if base.model.effects:
-            base = settle(quiet, held, base, say)
+            base, contenders = settle(quiet, held, base, steps, say)
         error = raw_error(held, base.model)
         if steps and error > WORSE * last_error:
             # What came in last does not hold up on the held-out recordings once all is refitted.
@@ -190,11 +115,10 @@ def contest(
                 f"  turned down again: held-out error {np.sqrt(error / last_error):.2f} times as large"
             )
             steps[-1] = replace(steps[-1], accepted=None)
-            return steps[-1].before, steps, held
+            return Outcome(steps[-1].before, steps, held, last_contenders)
         last_error = error
         if len(steps) == most:
-            return base, steps, held
-        screened = Screen(quiet, base.fit).candidates()
+            return Outcome(base, steps, held, contenders)
         rivals = []
         least = (
             FAINT if steps else FAINT / 2
@@ -202,11 +126,17 @@ def contest(
         taken = _excluded(base.model)
         if scene.free_clocks:  # a slow force cannot be carried from one unknown clock to another
             taken.add("drift")
-        fresh = [c for c in screened if c.spec.name not in taken and c.gain > least]
-        for c in shortlist(fresh):
-            rival = judge(quiet, held, with_best_start(quiet, base.model, c.spec), 6, base.fit)
+        screened = []
+        entrants: list[Candidate] = []
+        for screen in screens(quiet, base):
+            seen = screen.candidates()
+            screened += seen
+            fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
+            entrants += shortlist(fresh)
+        for c in entrants:
+            rival = judge(quiet, held, with_best_start(quiet, c.like.model, c.spec), 6, c.like)
             say(
-                f"  {rival.name}: {rival.fitted - base.fitted:+.1f} fitted, "
+                f"  {rival.name} {c.place.side}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
             )
             rivals.append(rival)
@@ -219,10 +149,21 @@ def contest(
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None:
-            return base, steps, held
+            return Outcome(base, steps, held, contenders)
         standing = accepted
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def screens(quiet: Scene, base: Judged) -> list[Screen]:
+    """Views of what `base` leaves: from where its corrections stand and, where these have gone far
+    to stand in for an effect, from nominal ones as well."""
+    out = [Screen(quiet, base.fit)]
+    if base.fit.surprise > FAR:
+        kept = {k: v for k, v in base.model.corrections.items() if k in base.model.held}
+        nominal = replace(base.model, corrections=kept)
+        out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
+    return out
 
 
 LADDERS = {  # where the cost is not convex: the parameter, and factors on what the screen proposes
@@ -247,9 +188,7 @@ def with_best_start(scene: Scene, model: Model, spec: EffectSpec) -> Model:
             rungs.append(
                 model.with_effect(replace(spec, parameters={**spec.parameters, name: value}))
             )
-    # Corrections that stood in for the effect would stand in its way: start from nominal ones too.
-    nominal = {k: v for k, v in model.corrections.items() if k in model.held}
-    rungs += [replace(rung, corrections=nominal) for rung in rungs]
+    rungs = [rung.at(rung.theta) for rung in rungs]  # within bounds
     costs = []
     for rung in rungs:
         residuals = scene.residuals(rung)
@@ -268,16 +207,6 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
         "position_dependent_friction",
     }
 )
-
-
-def raw_error(held: Scene | None, model: Model) -> float:
-    """Sum of squares of the held-out free-running error, not whitened."""
-    if held is None or not held.trials:
-        return 1.0
-    residuals = held.residuals(model)
-    if residuals is None:
-        return np.inf
-    return float(sum(np.sum(e**2) for e in residuals))
 
 
 def _excluded(model: Model) -> set[str]:
@@ -322,27 +251,59 @@ def _earns(rival: Judged, base: Judged, threshold: float) -> bool:
     return rival.score - base.score > threshold and fitted > LEAST and held > -LEAST / 2
 
 
-def settle(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
+def settle(
+    quiet: Scene,
+    held: Scene | None,
+    judged: Judged,
+    steps: Sequence[Step],
+    say: Callable[[str], None],
+) -> tuple[Judged, dict[str, list[tuple[str, Judged]]]]:
     """Backward elimination and substitution: every effect must earn its place beside the others, and
-    against its siblings in that company."""
+    against its rivals in that company; these are returned with what they reached."""
     current = judged
+    contenders: dict[str, list[tuple[str, Judged]]] = {}
     for name in judged.model.names:
         if name not in current.model.names:
             continue
+        if current.fit.status == "rounds":
+            current = judge(quiet, held, current.model, 10, current.fit)
         index = current.model.names.index(name)
         without = judge(quiet, held, current.model.without(index), 6, current.fit)
         say(f"  without {name}: {without.score - current.score:+.1f}")
         if without.score > current.score - KEEP and len(current.model.effects) > 1:
             current = without
             continue
-        taken = _excluded(without.model)
-        siblings = [s for s in EFFECTS[name].siblings if s not in taken]
-        screened = Screen(quiet, without.fit).candidates([name, *siblings])
-        for c in shortlist([c for c in screened if c.spec.name != name], 2)[:2]:
-            start = with_best_start(quiet, without.model, c.spec)
-            other = judge(quiet, held, start, 8, without.fit)
-            say(f"  {c.spec.name} for {name}: {other.score - current.score:+.1f}")
-            if other.score > current.score + SUBSTITUTE:
-                current = other
-                break
-    return current
+        others = [(name, current)]
+        for c in challengers(quiet, without, name, steps):
+            start = with_best_start(quiet, c.like.model, c.spec)
+            other = refined(quiet, held, judge(quiet, held, start, 10, c.like), say)
+            say(f"  {c.spec.name} {c.place.side} for {name}: {other.score - current.score:+.1f}")
+            others.append((c.spec.name, other))
+        best_name, best = max(others, key=lambda pair: pair[1].score)
+        if best.score > current.score + SUBSTITUTE:
+            current = best
+        else:
+            best_name = name
+        contenders[best_name] = others
+    return current, contenders
+
+
+def challengers(quiet: Scene, without: Judged, name: str, steps: Sequence[Step]) -> list[Candidate]:
+    """Who is fitted in the place of `name`: its siblings and the best of the round it won, at every
+    point where they promise much, and itself at the others."""
+    names = list(EFFECTS[name].siblings)
+    for step in steps:
+        if step.accepted is not None and step.accepted.model.names[-1] == name:
+            names += [r.model.names[-1] for r in step.rivals[:4]]
+    taken = _excluded(without.model)
+    wanted = [n for n in dict.fromkeys(names) if n not in taken and n != name]
+    found = [c for screen in screens(quiet, without) for c in screen.candidates(wanted)]
+    found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
+    best: dict[str, float] = {}
+    for c in found:
+        best[c.spec.name] = max(best.get(c.spec.name, 0.0), c.gain)
+    top = max(best.values(), default=0.0)
+    first = {c.spec.name: c for c in reversed(found)}
+    chosen = [c for c in found if first[c.spec.name] is c and c.gain > 0.02 * top]
+    chosen += [c for c in found if c not in chosen and c.gain > 0.7 * best[c.spec.name]]
+    return chosen[:CHALLENGERS]

@@ -62,7 +62,7 @@ class Hysteresis(Effect):
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [
             {"displacement": float(d), "exponent": n, "beta": beta}
-            for d in motion.span * np.geomspace(1e-3, 1.0, 9)
+            for d in motion.span * np.geomspace(0.025, 1.0, 7)
             for n in (1.0, 2.0)
             for beta in (0.5, 0.9)
         ]

@@ -40,13 +40,10 @@ def bouc_wen_step(z, move, displacement, exponent, beta):  # type: ignore[no-unt
 def _linear_step(w, length, share):  # type: ignore[no-untyped-def]
     """n = 1: w' = 1 + share w up to w = 0, then w' = 1 - w."""
     if w < 0.0:
-        if abs(share) < 1e-9:
-            needed = -w
-        else:
-            needed = -np.log1p(share * w) / share
+        needed = -w if abs(share) < 1e-09 else -np.log1p(share * w) / share
+        if length <= needed and abs(share) < 1e-9:
+            return w + length
         if length <= needed:
-            if abs(share) < 1e-9:
-                return w + length
             return w * np.exp(share * length) + np.expm1(share * length) / share
         w, length = 0.0, length - needed
     return 1.0 - (1.0 - w) * np.exp(-length)

@@ -78,7 +78,7 @@ class PreslidingFriction(Effect):
         return packed[1]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
-        return [{"displacement": float(d)} for d in motion.span * np.geomspace(1e-5, 1e-1, 9)]
+        return [{"displacement": float(d)} for d in motion.span * np.geomspace(1e-5, 2.5e-2, 8)]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """-z stiffness/level along the path; `displacement` is level/stiffness."""

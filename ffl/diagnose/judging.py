@@ -1,0 +1,115 @@
+"""One hypothesis judged: fitted with the noise it leaves itself, and run on held-out recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.model import Model
+from ffl.diagnose.starts import with_clocks
+from ffl.systems.state_space import Array
+
+PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: half of log N)
+QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
+PASSES = 4  # most changes of noise while one hypothesis is fitted
+CLEANER = 0.85  # noise must fall below this share of what it was for another pass
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A fitted hypothesis with its own noise: `fitted` and `held_out` log-likelihoods."""
+
+    fit: Fit
+    scene: Scene
+    fitted: float
+    held_out: float
+    held_white: Array
+    held: Scene | None = None
+
+    @property
+    def model(self) -> Model:
+        return self.fit.model
+
+    @property
+    def freedom(self) -> int:
+        return int(np.sum(np.linalg.norm(self.fit.jacobian, axis=0) > 0))
+
+    @property
+    def score(self) -> float:
+        return self.fitted + self.held_out - PER_NUMBER * self.freedom - self.fit.surprise
+
+    @property
+    def name(self) -> str:
+        return " + ".join(self.model.names) or "nothing"
+
+
+def judge(
+    scene: Scene, held: Scene | None, model: Model, rounds: int = 10, like: Fit | None = None
+) -> Judged:
+    """Fits `model` under the scene's noise, then under its own, and scores it. The corrections'
+    columns of the fit it is `like` save differences."""
+    scene = with_clocks(scene, model, 1)
+    known = None if like is None else like.known(("correction", "given"))
+    first = fit(scene, model, rounds=rounds, known=known)
+    if held is not None and held.free_clocks and first.status != "diverged":
+        held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
+    quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
+    if first.status == "diverged":
+        return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
+    for _ in range(PASSES):  # physics that has been found no longer counts as noise
+        cleaner = scene.with_noise_of(
+            raw_residuals(scene, first.model), coloured=False, quantile=QUIET
+        )
+        if min(cleaner.noise.force / quieter, cleaner.noise.sensor / quieter_sensor) > CLEANER:
+            break
+        quieter, quieter_sensor = cleaner.noise.force, cleaner.noise.sensor
+        first = fit(cleaner, first.model, rounds=max(4, rounds // 2), known=first.known())
+    # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
+    # let slow physics go as noise, and its absence in the score would take noise for physics.
+    residuals = raw_residuals(scene, first.model)
+    own = scene.with_noise_of(residuals)
+    white = own.whiten(residuals)
+    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first.model), held)
+
+
+def raw_residuals(scene: Scene, model: Model) -> list[Array]:
+    residuals = scene.residuals(model)
+    return residuals if residuals is not None else [np.full(len(t), 1e3) for t in scene.trials]
+
+
+def held_out(held: Scene | None, scene: Scene, model: Model) -> tuple[float, Array]:
+    """(log-likelihood, whitened residual) of recordings that nothing was fitted to.
+
+    All rivals of a round are whitened alike and the scale is free, -n/2 log(mean square) with n the
+    effective number of samples: a held-out recording that shows something of its own (a faster
+    edge, say) must not make every better model look worse because its noise is smaller.
+    """
+    if held is None or not held.trials:
+        return 0.0, np.zeros(0)
+    judged = replace(held, noise=scene.noise)
+    residuals = judged.residuals(model)
+    if residuals is None:
+        return -np.inf, np.zeros(0)
+    white = judged.whiten(residuals)
+    return -0.5 * effective(white) * float(np.log(np.mean(white**2))), white
+
+
+def effective(white: Array, lags: int = 200) -> float:
+    """Independent samples that a residual with this correlation is worth in its sum of squares."""
+    lags = min(lags, len(white) // 4)
+    power = np.abs(np.fft.rfft(white, 2 * len(white))) ** 2
+    r = np.fft.irfft(power)[: lags + 1]
+    rho = r[1:] / max(r[0], 1e-300)
+    return len(white) / (1.0 + 2.0 * float(np.sum(rho**2)))
+
+
+def raw_error(held: Scene | None, model: Model) -> float:
+    """Sum of squares of the held-out free-running error, not whitened."""
+    if held is None or not held.trials:
+        return 1.0
+    residuals = held.residuals(model)
+    if residuals is None:
+        return np.inf
+    return float(sum(np.sum(e**2) for e in residuals))
