@@ -207,6 +207,8 @@ def test_interrupt_leaves_what_is_complete(write_campaign, tmp_path, jobs):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # Whoever runs the tests in the background has SIGINT ignored; a terminal does not.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert wait_for(lambda: trials_in(tmp_path / "out" / "derivatives.h5") >= 2)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
