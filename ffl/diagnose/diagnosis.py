@@ -17,7 +17,7 @@ from ffl.diagnose.judging import Judged, judge
 from ffl.diagnose.line import across_the_line
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
-from ffl.diagnose.observer import led, needs_observer, with_observer
+from ffl.diagnose.observer import decay_for, led, needs_observer, with_observer
 from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.prove import prove, run_plant
 from ffl.diagnose.result import Diagnosis, Finding, Number
@@ -73,7 +73,7 @@ def diagnose(
             "the controller is unknown and the plant integrates: predicted through an observer, not in "
             "free run"
         )
-        model = with_observer(model)
+        model = with_observer(model, decay_for(recordings))
         recordings, validation = led(recordings), led(validation)
         everything = [*recordings, *validation]
     base = Base.of(model, max(float(np.ptp(r.y)) for r in everything))

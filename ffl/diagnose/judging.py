@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.model import Model
-from ffl.diagnose.starts import with_clocks
+from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.systems.state_space import Array
 
 PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: half of log N)
@@ -55,6 +56,12 @@ def judge(
     first = fit(scene, model, rounds=rounds, known=known)
     if held is not None and held.free_clocks and first.status != "diverged":
         held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
+    if first.status != "diverged" and not all(t.at_rest for t in scene.trials):
+        # A start estimated without this physics speaks against it: each rival has its own.
+        scene = with_starts(scene, first.model, 1)
+        first = fit(scene, first.model, rounds=rounds, known=first.known())
+    if held is not None and first.status != "diverged":
+        held = with_starts(replace(held, noise=scene.noise), first.model, 1)
     quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
     if first.status == "diverged":
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
@@ -103,6 +110,21 @@ def effective(white: Array, lags: int = 200) -> float:
     r = np.fft.irfft(power)[: lags + 1]
     rho = r[1:] / max(r[0], 1e-300)
     return len(white) / (1.0 + 2.0 * float(np.sum(rho**2)))
+
+
+def levelled(judged: Sequence[Judged]) -> list[Judged]:
+    """The same with the held-out recordings worth equally many independent samples to all of them.
+
+    A model that is far off leaves a slow residual, few independent samples, and would pass for
+    hardly worse than one that leaves noise: the sharpest of those compared says how many there are.
+    """
+    n = max((effective(j.held_white) for j in judged if len(j.held_white)), default=0.0)
+    out = []
+    for j in judged:
+        known = len(j.held_white) and np.isfinite(j.held_out)
+        worth = -0.5 * n * float(np.log(np.mean(j.held_white**2))) if known else j.held_out
+        out.append(replace(j, held_out=worth))
+    return out
 
 
 def raw_error(held: Scene | None, model: Model) -> float:

@@ -20,7 +20,9 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import StateSpace
 from ffl.systems.zpk import as_state_space
 
-DECAY = 2 * np.pi * 1.0  # 1/s: slowest decay of the observer's loop; faster would follow the noise
+DECAYS = 2 * np.pi * np.array([5.0, 2.0, 1.0])  # 1/s: slowest decay of the observer's loop
+QUIET = 0.01  # of the speed: noise that an observer may take for speed
+SPAN = 0.05  # s over which the speed is read
 EDGE = 1.0 - 1e-4  # poles beyond this magnitude count as integrating: a free run would remember
 
 
@@ -30,8 +32,21 @@ def needs_observer(model: Plant) -> bool:
     return model.controller is None and len(poles) > 0 and float(np.abs(poles).max()) > EDGE
 
 
-def with_observer(model: Plant) -> Plant:
-    """`model` under the gentlest LQG controller that lets no error live longer than 1/DECAY."""
+def decay_for(recordings: Sequence[Recording]) -> float:
+    """The fastest decay whose observer does not take the sensor's noise for motion. One that is too
+    slow leaves the simulated speed wrong by so much that friction cannot be told (KUKA, axes 5 and 6,
+    at 1 Hz)."""
+    noise, speed = [], []
+    for r in recordings:
+        m = min(max(1, round(SPAN / r.sample_time)), len(r) // 4)
+        noise.append(np.std(np.diff(r.y, 2)) / np.sqrt(6.0))
+        speed.append(np.std(r.y[m:] - r.y[:-m]) / (m * r.sample_time))
+    fit = [d for d in DECAYS if np.median(noise) * d < QUIET * np.median(speed)]
+    return float(fit[0] if fit else DECAYS[-1])
+
+
+def with_observer(model: Plant, decay: float) -> Plant:
+    """`model` under the gentlest LQG controller that lets no error live longer than 1/`decay`."""
     p = as_state_space(model.system)
     scale = np.sqrt(np.abs(np.diag(p.b @ p.b.T)).max())
     best: Plant | None = None
@@ -44,7 +59,7 @@ def with_observer(model: Plant) -> Plant:
         slowest = float(np.abs(plant.loop.poles).max())
         if slowest < 1.0:
             best = best or plant
-            if -np.log(slowest) / model.sample_time >= DECAY:
+            if -np.log(slowest) / model.sample_time >= decay:
                 return plant
             best = plant
     return best or model

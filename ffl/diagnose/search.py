@@ -269,6 +269,7 @@ def settle(
             current = judge(quiet, held, current.model, 10, current.fit)
         index = current.model.names.index(name)
         without = judge(quiet, held, current.model.without(index), 6, current.fit)
+        current, without = levelled([current, without])
         say(f"  without {name}: {without.score - current.score:+.1f}")
         if without.score > current.score - KEEP and len(current.model.effects) > 1:
             current = without
@@ -277,8 +278,12 @@ def settle(
         for c in challengers(quiet, without, name, steps):
             start = with_best_start(quiet, c.like.model, c.spec)
             other = refined(quiet, held, judge(quiet, held, start, 10, c.like), say)
-            say(f"  {c.spec.name} {c.place.side} for {name}: {other.score - current.score:+.1f}")
             others.append((c.spec.name, other))
+        names, tried = zip(*others, strict=True)
+        others = list(zip(names, levelled(tried), strict=True))
+        current = others[0][1]
+        for rival, other in others[1:]:
+            say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
         best_name, best = max(others, key=lambda pair: pair[1].score)
         if best.score > current.score + SUBSTITUTE:
             current = best

@@ -31,9 +31,10 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     at = [k for k in range(n) if k < len(trial.start)]
     spread = _spread(trial, model)
     rows = min(len(trial), max(200, round(SECONDS / trial.sample_time)))
+    whole, trial = trial, trial.head(rows)
     run = model.simulate(trial)
     if run.diverged or not len(order):
-        return trial
+        return whole
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
     sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
     columns = []
@@ -42,20 +43,19 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
         moved[k] += 0.1 * spread[k]
         other = model.simulate(replace(trial, start=moved))
         if other.diverged:
-            return trial
-        columns.append((other.y - run.y)[:rows] / 0.1)
+            return whole
+        columns.append((other.y - run.y) / 0.1)
     j = sure(np.column_stack(columns))
-    e = sure((trial.y - run.y)[:rows])
+    e = sure(trial.y - run.y)
     stacked = np.vstack([j, 0.1 * np.eye(len(at))])  # a prior of ten times the doubt
     step = np.linalg.lstsq(stacked, np.append(e, np.zeros(len(at))), rcond=None)[0]
     start = trial.start.copy()
     start[at] += step * spread[at]
-    better = replace(trial, start=start)
-    after = model.simulate(better)
+    after = model.simulate(replace(trial, start=start))
     if after.diverged:
-        return trial
-    gained = float(e @ e) - float(np.sum(sure((trial.y - after.y)[:rows]) ** 2))
-    return better if gained > 0 else trial
+        return whole
+    gained = float(e @ e) - float(np.sum(sure(trial.y - after.y) ** 2))
+    return replace(whole, start=start) if gained > 0 else whole
 
 
 def _spread(trial: Trial, model: Model) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,11 @@ class Trial:
 
     def __len__(self) -> int:
         return len(self.y)
+
+    def head(self, rows: int) -> Trial:
+        """The first `rows` samples."""
+        parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}
+        return replace(self, **parts, load=None if self.load is None else self.load[:rows])
 
     @property
     def t(self) -> Array:
@@ -80,29 +85,32 @@ def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Ar
     return states, np.atleast_1d(system.filter(inputs, states))
 
 
-def plant_start(simulator: Simulator, u: Array, y: Array, noise: float, moving: bool) -> tuple:
+def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple[Array, Array]:
     """(state, covariance) of the plant at the first sample from a short piece of u and y.
 
-    Least squares on the plant's free response; at rest a standstill at the measured position.
+    Least squares on the plant's free response and on that to a constant force beside u of up to half
+    its size: the friction or load that the model lacks would else be taken for motion at the start.
     """
     system = _plant_system(simulator)
     n = system.order
-    if not moving:
-        return None, np.zeros((n, n))
     rows = min(len(y), max(10 * n, 60))
-    free = np.empty((rows, n))
+    free = np.empty((rows, n + 1))
     state = np.eye(n)
     for k in range(rows):
-        free[k] = system.c[0] @ state
+        free[k, :n] = system.c[0] @ state
         state = system.a @ state
+    free[:, n] = system.filter(np.ones(rows))
     wanted = y[:rows] - np.atleast_1d(system.filter(u[:rows])) - _beside(simulator, u[:rows])
-    scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
-    left, values, right = np.linalg.svd(free / scale, full_matrices=False)
+    prior = np.zeros(n + 1)
+    prior[n] = noise / max(0.5 * float(np.sqrt(np.mean(u**2))), 1e-300)
+    table, wanted = np.vstack([free, prior]), np.append(wanted, 0.0)
+    scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    left, values, right = np.linalg.svd(table / scale, full_matrices=False)
     kept = values > 1e-7 * values[0]
     estimate = right[kept].T @ ((left[:, kept].T @ wanted) / values[kept]) / scale
     spread = (right[kept].T / values[kept]) / scale[:, None]
-    level = max(noise, float(np.std(wanted - free @ estimate)))
-    return estimate, spread @ spread.T * level**2
+    level = max(noise, float(np.std(wanted - table @ estimate)))
+    return estimate[:n], (spread @ spread.T * level**2)[:n, :n]
 
 
 def _beside(simulator: Simulator, u: Array) -> Array | float:
@@ -159,9 +167,9 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
             start = _rest_under(simulator, float(recording.u[0]), held, first)
     elif known_command:
         drive = recording.u if recording.d is None else recording.u + recording.d
-        estimate, spread = plant_start(simulator, drive, recording.y, noise, True)
+        estimate, spread = plant_start(simulator, drive, recording.y, noise)
         # What is missing in the model acts on the first samples too: a fifth of the command, say.
-        other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise, True)
+        other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise)
         spread = spread + np.outer(other - estimate, other - estimate)
         order = _ordering(simulator)
         start[order] = estimate
