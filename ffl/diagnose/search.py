@@ -16,7 +16,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.fit import Scene, fit
-from ffl.diagnose.judging import PER_NUMBER, QUIET, Judged, judge, raw_error, raw_residuals
+from ffl.diagnose.judging import (
+    PER_NUMBER,
+    QUIET,
+    Judged,
+    judge,
+    levelled,
+    raw_error,
+    raw_residuals,
+)
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen
 from ffl.diagnose.starts import with_starts
