@@ -135,7 +135,8 @@ class Fit:
         s = np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)
         half = vt.T / s
         inflate = max(1.0, self.cost / max(len(self.white) - j.shape[1], 1))
-        return inflate * (half @ half.T) / np.outer(scale, scale)
+        with np.errstate(over="ignore"):  # what the data do not see has no finite spread
+            return inflate * (half @ half.T) / np.outer(scale, scale)
 
 
 _POOL = ThreadPoolExecutor(2)
