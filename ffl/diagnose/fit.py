@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.trials import Trial
+from ffl.diagnose.triangle import triangle
 from ffl.diagnose.whitening import Whitener
 from ffl.errors import InputError
 from ffl.systems.loop import Loop
@@ -130,7 +130,7 @@ class Fit:
         if j.shape[1] == 0:
             return np.zeros((0, 0))
         scale = np.maximum(np.linalg.norm(j, axis=0), 1e-150)  # its square must not vanish
-        r = scipy.linalg.qr(j / scale, mode="r")[0][: j.shape[1]]
+        r, _ = triangle(j / scale, self.white)
         _, s, vt = np.linalg.svd(r)
         s = np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)
         half = vt.T / s
@@ -283,8 +283,8 @@ def _step(
     draws theta to zero with so many standard deviations per unit. What moves nothing by its own
     size (`units`) stays."""
     p = len(theta)
-    q, r = np.linalg.qr(j)
-    white_in = np.append(q.T @ white, -pull * theta)
+    r, seen = triangle(j, white)
+    white_in = np.append(seen, -pull * theta)
     r = np.vstack([r, np.diag(pull)])
     scale = np.linalg.norm(r, axis=0)
     free = scale * units > 1e-10 * max((scale * units).max(), 1e-300)

@@ -19,6 +19,7 @@ from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.model import Model
 from ffl.diagnose.trials import Trial
+from ffl.diagnose.triangle import triangle
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
@@ -196,10 +197,9 @@ class Screen:
             if positive and coefficients[0] < 0:
                 return 0.0, np.zeros(1)
             return float(coefficients[0] ** 2), coefficients / size
-        q, r = np.linalg.qr(beyond / size)
+        r, target = triangle(beyond / size, self.residual)
         if np.abs(np.diag(r)).min() < 1e-7:
             return 0.0, np.zeros(columns.shape[1])
-        target = q.T @ self.residual
         coefficients = np.linalg.solve(r, target)
         if positive and np.any(coefficients < 0):
             coefficients, left = scipy.optimize.nnls(r, target)
