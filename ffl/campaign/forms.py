@@ -80,7 +80,7 @@ class RunForm(Strict):
     basis: BasisForm
     weights: WeightsForm
     constraints: ConstraintsForm = ConstraintsForm()
-    update: Literal["auto", "closed_form", "osqp", "riccati"] = "auto"
+    update: Literal["auto", "closed_form", "osqp", "riccati", "trajectory"] = "auto"
 
 
 class CampaignForm(Strict):

@@ -86,6 +86,8 @@ def places_of(model: Model) -> list[Place]:
     out = [Place("force", "motor", ratio), Place("force", "load", ratio)]
     if opposite:
         out.append(Place("force", "sensor", ratio))
+        if len(mechanics.modes) > 2:  # moving equally far in every mode: no one ratio says it
+            out.append(Place("force", "motor"))
     kept: list[Place] = []
     shapes: list[Array] = []
     for place in out:

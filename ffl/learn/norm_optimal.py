@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,12 +61,20 @@ class Rows:
     high: Array
 
 
+class Answers(Protocol):
+    """How y answers changes of f, to first order: the process sensitivity, or a tangent."""
+
+    def filter(self, feedforward: Array, /) -> Array: ...
+
+    def filter_columns(self, feedforwards: Array, /) -> Array: ...
+
+
 class NormOptimal:
     """theta_{j+1} = argmin |e_j - J (theta - theta_j)|^2_We + |Phi theta|^2_Wf + |Phi (theta -
     theta_j)|^2_Wdf, with Phi = psi(r) and J = SP Phi of the model (2018 printer paper, (2), (3)).
 
-    Of a model with effects (an augmented.toml) the update takes the linear part, which keeps the
-    problem convex; what friction and the like need is a basis's part, kind "from_diagnosis".
+    Of a model with effects (an augmented.toml) it takes the linear part; `AlongTrajectory` solves
+    this problem with the response about the simulated trajectory in its place.
 
     The matrices and their QR are made once; an update costs O(N n). `path` is "closed_form", "osqp"
     (the quadratic program of `ffl.learn.convex`) or "auto": closed form where there is no bound.
@@ -94,23 +104,45 @@ class NormOptimal:
             for name in Constraints.NAMES
             if getattr(self.constraints, name) is not None
         }
-        self.response = self.loop.process_sensitivity.filter_columns(self.regressors)
-        blocks = [apply_weight(weights.error, self.response)]
-        for weight in (weights.feedforward, weights.feedforward_change):
+        self._respond(self.loop.process_sensitivity)
+
+    def _respond(self, answers: Answers) -> None:
+        """J = `answers` Phi, and the QR of the problem with it."""
+        self._answers = answers
+        self.response = answers.filter_columns(self.regressors)
+        blocks = [apply_weight(self.weights.error, self.response)]
+        for weight in (self.weights.feedforward, self.weights.feedforward_change):
             if not is_zero(weight):
                 blocks.append(apply_weight(weight, self.regressors))
         self.coordinates: Coordinates = orthonormal(np.vstack(blocks))
 
-    def update(self, theta: Array, error: Array, command: Array | None = None) -> Update:
-        """The next parameters from trial j: its `theta` (n,), `error` e_j (N,) and `command` u_j."""
+    def answering(self, answers: Answers) -> NormOptimal:
+        """The same problem where y answers f as `answers` says, not as the model's loop does."""
+        other = copy.copy(self)
+        other._respond(answers)
+        return other
+
+    def update(
+        self,
+        theta: Array,
+        error: Array,
+        command: Array | None = None,
+        before: Array | None = None,
+    ) -> Update:
+        """The next parameters from trial j: its `theta` (n,), `error` e_j (N,) and `command` u_j.
+
+        `before` (N,) is the feedforward from which W_df counts the change, where it is not that of
+        `theta`.
+        """
         start = time.perf_counter()
         feedforward = self.regressors @ theta
-        target = error + self.loop.process_sensitivity.filter(feedforward)
+        before = feedforward if before is None else before
+        target = error + self._answers.filter(feedforward)
         parts = [apply_weight(self.weights.error, target)]
         if not is_zero(self.weights.feedforward):
             parts.append(np.zeros(len(error)))
         if not is_zero(self.weights.feedforward_change):
-            parts.append(apply_weight(self.weights.feedforward_change, feedforward))
+            parts.append(apply_weight(self.weights.feedforward_change, before))
         b = np.concatenate(parts)
         c = self.coordinates.coordinates(b)
         if self.path == "osqp" or self.limits:

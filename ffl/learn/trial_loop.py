@@ -11,16 +11,18 @@ from numpy.random import Generator, SeedSequence
 
 from ffl.bases import Basis, FreeSignal
 from ffl.errors import InputError
+from ffl.learn.along_trajectory import AlongTrajectory
 from ffl.learn.constraints import Constraints
 from ffl.learn.free_bounded import BoundedFreeSignal
 from ffl.learn.free_signal import FreeSignalUpdate
 from ffl.learn.norm_optimal import NormOptimal, Update, UpdateReport
 from ffl.learn.weights import Weights
+from ffl.machines import is_linear
 from ffl.recordings import Recording
 from ffl.systems import Plant
 from ffl.systems.state_space import Array
 
-PATHS = ("auto", "closed_form", "osqp", "riccati")
+PATHS = ("auto", "closed_form", "osqp", "riccati", "trajectory")
 
 
 class Machine(Protocol):
@@ -41,8 +43,12 @@ class LearningTask:
     constraints: Constraints = field(default_factory=Constraints)
     update: str = "auto"
 
-    def updater(self) -> NormOptimal | FreeSignalUpdate:
-        """The update with its matrices made; raises `InputError` where the task is inconsistent."""
+    def updater(self) -> NormOptimal | AlongTrajectory | FreeSignalUpdate:
+        """The update with its matrices made; raises `InputError` where the task is inconsistent.
+
+        "auto": `AlongTrajectory` where the model has effects beyond its linear part, else
+        `NormOptimal`, in closed form where there is no bound.
+        """
         if self.update not in PATHS:
             raise InputError(f"update = '{self.update}': unknown; known: {', '.join(PATHS)}")
         free = isinstance(self.basis, FreeSignal)
@@ -50,6 +56,12 @@ class LearningTask:
             raise InputError(
                 f"update = '{self.update}' does not fit: 'riccati' is for basis kind 'free', and "
                 "that basis has no other"
+            )
+        if self.update == "trajectory" or (
+            not free and self.update == "auto" and not is_linear(self.model)
+        ):
+            return AlongTrajectory(
+                self.model, self.basis, self.reference, self.weights, self.constraints
             )
         if not free:
             return NormOptimal(

@@ -35,6 +35,11 @@ def linear_part(plant: Plant) -> Plant:
     return replace(plant, system=_discretise(mechanics, lag, sum(delay)), effects=())
 
 
+def is_linear(plant: Plant) -> bool:
+    """Whether `linear_part` leaves nothing out that changes how y answers f."""
+    return all(e.name in IN_SERIES or effect_of(e).law is None for e in plant.effects)
+
+
 def _total(effects: tuple[EffectSpec, ...], name: str) -> list[float]:
     """The positive times of all effects of this name."""
     values = [effect_of(e).check(e)[IN_SERIES[name]] for e in effects if e.name == name]
