@@ -52,6 +52,7 @@ class Campaign:
     """A campaign as read: plants, references, runs; `resolved` are the files that rerun it.
 
     `second_reference` is run once after the last trial with the learned parameters carried over.
+    `diagnosis` are references to record for a diagnosis: those to fit and those to hold out.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Campaign:
     second_reference: Array | None
     runs: tuple[RunSpec, ...]
     resolved: Mapping[str, str]
+    diagnosis: tuple[tuple[Array, ...], tuple[Array, ...]] | None = None
 
     @property
     def sample_time(self) -> float:
@@ -119,6 +121,16 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
         for key in ("reference", "second_reference")
         if getattr(form, key) is not None
     }
+    diagnosis = None
+    if form.diagnosis is not None:
+        fit, held_out = (
+            tuple(
+                _in_file(path, "", partial(_reference, r, model, folder, f"diagnosis.{key}[{k}]"))
+                for k, r in enumerate(getattr(form.diagnosis, key))
+            )
+            for key in ("fit", "held_out")
+        )
+        diagnosis = (fit, held_out)
     names = [run.name for run in form.runs]
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -138,6 +150,7 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
         references.get("second_reference"),
         runs,
         resolved,
+        diagnosis,
     )
 
 

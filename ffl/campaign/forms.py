@@ -83,6 +83,13 @@ class RunForm(Strict):
     update: Literal["auto", "closed_form", "osqp", "riccati", "trajectory"] = "auto"
 
 
+class DiagnosisForm(Strict):
+    """References to record for a diagnosis of the stall, beside the trials themselves."""
+
+    fit: Annotated[list[MovesForm | MultisineForm], Field(min_length=1)]
+    held_out: Annotated[list[MovesForm | MultisineForm], Field(min_length=1)]
+
+
 class CampaignForm(Strict):
     name: Name
     seed: Annotated[int, Field(ge=0)] = 0
@@ -91,6 +98,7 @@ class CampaignForm(Strict):
     machine: str | None = None
     reference: ReferenceForm
     second_reference: ReferenceForm | None = None
+    diagnosis: DiagnosisForm | None = None
     runs: Annotated[list[RunForm], Field(min_length=1)]
 
 

@@ -24,6 +24,7 @@ GAIN, FREQUENCY, DAMPING, PHASE, LEVEL, PERIOD = 0.03, 0.05, 0.15, 1.0, 0.5, 0.0
 DIFFERENCE = 1e-2  # of a standard deviation
 LONGEST = 2.0  # standard deviations a step may go
 PASSES, ROUNDS = 8, 6
+ROUNDING = 1e-12  # of the range of y
 BETTER = 0.9  # of the RMS left: what another pass must reach
 
 
@@ -62,7 +63,10 @@ def calibrate(plant: Plant, recordings: Sequence[Recording]) -> Calibration:
     rms = [_rms(left(x))]
     if not np.isfinite(rms[0]):
         raise InputError(f"calibrate: plant '{plant.name}' diverges on these recordings")
+    least = ROUNDING * max(float(np.ptp(r.y)) for r in recordings)
     for _ in range(PASSES):
+        if rms[-1] <= least:
+            break
         x = _descend(left, x, rms[-1])
         rms.append(_rms(left(x)))
         if rms[-1] > BETTER * rms[-2]:

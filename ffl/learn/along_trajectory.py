@@ -126,7 +126,9 @@ class AlongTrajectory:
             problem = self._problem.answering(self._tangent(here, unsaid))
             step = problem.update(here.theta, here.error, here.command, before)
             report = step.report
-            moved = None if report.status == "infeasible" else self._halved(here, step, unsaid, before)
+            moved = (
+                None if report.status == "infeasible" else self._halved(here, step, unsaid, before)
+            )
             if moved is None:
                 break
             gained = 1.0 - moved.cost / here.cost

@@ -1,0 +1,92 @@
+"""The update along the trajectory of a model with effects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence
+
+from ffl.bases import Compensation, Derivatives, SumBasis
+from ffl.learn import AlongTrajectory, Constraints, LearningTask, NormOptimal, Weights, learn
+from ffl.machines import SimulatedMachine
+from ffl.systems import EffectSpec, Move, load_plant, moves
+
+T = 1e-3
+WEIGHTS = Weights(1e9, 1e-9, 0.0)
+
+
+@pytest.fixture(scope="module")
+def stage():
+    """EMPS' carriage with dry friction and a cogging force, its effects known."""
+    effects = (
+        EffectSpec("coulomb_friction", {"level": 20.0}),
+        EffectSpec("cogging", {"amplitude": 8.0, "period": 0.03, "phase": 0.4}),
+    )
+    return replace(load_plant("emps"), effects=effects)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return moves([Move(0.2, 0.1, 0.3, 3.0, 60.0)], 1.0, T)
+
+
+@pytest.fixture(scope="module")
+def basis(stage):
+    return SumBasis([Derivatives(["velocity", "acceleration"], sample_time=T), Compensation(stage)])
+
+
+def test_without_effects_it_is_the_closed_form(reference):
+    model = load_plant("emps")
+    basis = Derivatives(["velocity", "acceleration"], sample_time=T)
+    error = reference - SimulatedMachine(model).simulator.run((), reference).y
+    linear = NormOptimal(model, basis, reference, WEIGHTS).update(np.zeros(2), error)
+    along = AlongTrajectory(model, basis, reference, WEIGHTS).update(np.zeros(2), error)
+    assert along.theta == pytest.approx(linear.theta, rel=1e-6)
+
+
+def test_its_plan_on_the_true_model_is_what_the_machine_does(stage, basis, reference):
+    update = AlongTrajectory(stage, basis, reference, WEIGHTS)
+    plan = update.plan(np.zeros(basis.n_parameters))
+    promised = reference - update.output(plan.feedforward)
+    run = SimulatedMachine(stage).run(reference, plan.feedforward, np.random.default_rng(0))
+    assert np.linalg.norm(promised) < 0.03 * np.linalg.norm(
+        reference - update.output(0 * reference)
+    )
+    assert run.y == pytest.approx(reference - promised, abs=1e-12)
+
+
+def test_what_the_model_does_not_say_is_carried_into_the_promise(stage, basis, reference):
+    """The machine has more friction than the model: after a trial, the next one's error is foretold."""
+    heavier = replace(
+        stage, effects=(EffectSpec("coulomb_friction", {"level": 26.0}), stage.effects[1])
+    )
+    machine = SimulatedMachine(heavier)
+    update = AlongTrajectory(stage, basis, reference, WEIGHTS)
+    theta, foretold, errors = update.plan(np.zeros(basis.n_parameters)).theta, [], []
+    for _ in range(3):
+        run = machine.run(reference, basis.regressors(reference) @ theta, np.random.default_rng(0))
+        errors.append(reference - run.y)
+        following = update.update(theta, errors[-1], run.u)
+        foretold.append(update.predicted(theta, errors[-1], following.theta))
+        theta = following.theta
+    assert np.linalg.norm(errors[-1]) < 0.2 * np.linalg.norm(errors[0])
+    assert np.linalg.norm(errors[-1] - foretold[-2]) < 0.3 * np.linalg.norm(errors[-1])
+
+
+def test_auto_takes_it_where_the_model_has_effects(stage, basis, reference):
+    task = LearningTask(stage, SimulatedMachine(stage), basis, reference, WEIGHTS)
+    assert isinstance(task.updater(), AlongTrajectory)
+    linear = replace(task, update="closed_form")
+    assert isinstance(linear.updater(), NormOptimal)
+    bare = replace(task, model=load_plant("emps"))
+    assert isinstance(bare.updater(), NormOptimal)
+    norms = [t.error_norm for t in learn(task, 3, SeedSequence(0))]
+    assert norms[-1] < 0.05 * norms[0]
+
+
+def test_bounds_hold(stage, basis, reference):
+    update = AlongTrajectory(stage, basis, reference, WEIGHTS, Constraints(feedforward=1.0))
+    plan = update.plan(np.zeros(basis.n_parameters))
+    assert np.abs(plan.feedforward).max() < 1.0 + 1e-9
+    free = AlongTrajectory(stage, basis, reference, WEIGHTS).plan(np.zeros(basis.n_parameters))
+    assert np.abs(free.feedforward).max() > 1.0
