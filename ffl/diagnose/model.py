@@ -12,6 +12,7 @@ import numpy as np
 from ffl.diagnose.linear import Correction, corrected_plant, corrections_of, simulator_with
 from ffl.diagnose.trials import Trial
 from ffl.effects import EFFECTS
+from ffl.errors import InputError
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -103,7 +104,10 @@ class Model:
     @cached_property
     def substeps(self) -> int:
         """Sub-steps of a sample. `at` keeps them: a step in them would be a step in y."""
-        needed = self.simulator.substeps(self.acting)
+        try:
+            needed = self.simulator.substeps(self.acting)
+        except InputError:  # numbers that no plant can have: every simulation says so
+            return 1
         stiff = any(spec.name in STIFF for spec in self.acting)
         return min(MOST_SUBSTEPS, needed) if stiff else needed
 
