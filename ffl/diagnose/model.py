@@ -172,10 +172,8 @@ class Model:
                             yield Coordinate(kind, name, i, (key, j), size, 0.0)
                     continue
                 yield self._number(kind, i, spec, parameter, float(value))
-            if kind == "effect" and spec.options.get("mass_ratio") is not None:
-                yield Coordinate(
-                    "option", "mass_ratio", i, None, 1.0, np.log(0.05), np.log(20), True
-                )
+        if kind == "effect" and self.mass_ratio is not None:  # one machine has one
+            yield Coordinate("option", "mass_ratio", -1, None, 1.0, np.log(0.05), np.log(20), True)
 
     def _number(self, kind: str, i: int, spec: EffectSpec, parameter, value: float) -> Coordinate:  # type: ignore[no-untyped-def]
         lower, upper = parameter.lower, parameter.upper
@@ -214,9 +212,9 @@ class Model:
     def _read(self, c: Coordinate) -> float:
         if c.kind == "correction":
             return float(self.corrections.get(c.name, 0.0))
-        spec = (self.stated if c.kind == "given" else self.effects)[c.effect]
         if c.kind == "option":
-            return float(np.log(spec.options[c.name]))
+            return float(np.log(self.mass_ratio or 1.0))
+        spec = (self.stated if c.kind == "given" else self.effects)[c.effect]
         value = spec.parameters[c.name]
         if c.place is not None:
             return float(value[c.place[0]][c.place[1]])
@@ -228,12 +226,14 @@ class Model:
         specs = {"effect": self.effects, "given": self.stated}
         parameters = {k: [dict(spec.parameters) for spec in v] for k, v in specs.items()}
         options = [dict(spec.options) for spec in self.effects]
+        shared = [option for option in options if option.get("mass_ratio") is not None]
         for c, number in zip(self.coordinates, theta, strict=True):
             number = float(min(max(number, c.lower), c.upper))
             if c.kind == "correction":
                 corrections[c.name] = number
             elif c.kind == "option":
-                options[c.effect][c.name] = float(np.exp(number))
+                for option in shared:
+                    option[c.name] = float(np.exp(number))
             elif c.place is not None:
                 values = parameters[c.kind][c.effect]
                 row = list(values[c.name][c.place[0]])
@@ -254,7 +254,15 @@ class Model:
         object.__setattr__(other, "substeps", self.substeps)
         return other
 
+    @property
+    def mass_ratio(self) -> float | None:
+        """Mass at the motor over mass at the load that the effects share; None: of no matter."""
+        ratios = [spec.options.get("mass_ratio") for spec in self.effects]
+        return next((float(ratio) for ratio in ratios if ratio is not None), None)
+
     def with_effect(self, spec: EffectSpec) -> Model:
+        if self.mass_ratio is not None and spec.options.get("mass_ratio") is not None:
+            spec = replace(spec, options={**spec.options, "mass_ratio": self.mass_ratio})
         return replace(self, effects=(*self.effects, spec))
 
     def without(self, index: int) -> Model:

@@ -82,7 +82,7 @@ def places_of(model: Model) -> list[Place]:
     if len(mechanics.modes) < 2:
         return [Place("force")]
     opposite = any(mode.sign < 0 for mode in mechanics.modes)
-    ratio = 1.0 if opposite else None
+    ratio = (model.mass_ratio or 1.0) if opposite else None
     out = [Place("force", "motor", ratio), Place("force", "load", ratio)]
     if opposite:
         out.append(Place("force", "sensor", ratio))

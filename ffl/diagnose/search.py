@@ -96,12 +96,13 @@ def contest(
     most: int = 3,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
-    """Forward selection with substitution."""
+    """Forward selection with substitution; the most pliable effects come in when no other does."""
     say = progress or (lambda line: None)
     standing = judge(scene, held, model)
     steps: list[Step] = []
     contenders: dict[str, list[tuple[str, Judged]]] = {}
     last_error = np.inf
+    reserve = PLIABLE
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(
@@ -115,7 +116,7 @@ def contest(
         base = refined(quiet, held, base, say)
         last_contenders = contenders
         if base.model.effects:
-            base, contenders = settle(quiet, held, base, steps, say)
+            base, contenders = settle(quiet, held, base, steps, reserve, say)
         error = raw_error(held, base.model)
         if steps and error > WORSE * last_error:
             # What came in last does not hold up on the held-out recordings once all is refitted.
@@ -140,7 +141,8 @@ def contest(
             seen = screen.candidates()
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
-            entrants += shortlist(fresh)
+            pliable = [c for c in fresh if c.spec.name in PLIABLE]
+            entrants += shortlist([c for c in fresh if c not in pliable] if reserve else pliable)
         for c in entrants:
             rival = judge(quiet, held, with_best_start(quiet, c.like.model, c.spec), 6, c.like)
             say(
@@ -156,6 +158,9 @@ def contest(
         worthy = [r for r in rivals if _earns(r, base, threshold)]
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
+        if accepted is None and reserve and _calls_for(reserve, base, screened, least):
+            reserve, standing, last_error = frozenset(), base, np.inf
+            continue
         if accepted is None:
             return Outcome(base, steps, held, contenders)
         standing = accepted
@@ -217,6 +222,19 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
 )
 
 
+# So many free numbers that they imitate two plain effects at once: tried once no plain one earns more.
+PLIABLE = frozenset({"position_dependent_friction"})
+
+
+def _calls_for(
+    reserve: frozenset[str], base: Judged, screened: Sequence[Candidate], least: float
+) -> bool:
+    """Something that the reserve may take the place of, or that it alone could explain."""
+    if set(base.model.names) & DRY:
+        return True
+    return any(c.spec.name in reserve and c.gain > least for c in screened)
+
+
 def _excluded(model: Model) -> set[str]:
     """Effects that cannot be added: those there, and other forms of the dry friction there."""
     names = {spec.name for spec in model.acting}
@@ -264,6 +282,7 @@ def settle(
     held: Scene | None,
     judged: Judged,
     steps: Sequence[Step],
+    reserve: frozenset[str],
     say: Callable[[str], None],
 ) -> tuple[Judged, dict[str, list[tuple[str, Judged]]]]:
     """Backward elimination and substitution: every effect must earn its place beside the others, and
@@ -283,7 +302,7 @@ def settle(
             current = without
             continue
         others = [(name, current)]
-        for c in challengers(quiet, without, name, steps):
+        for c in challengers(quiet, without, name, steps, reserve):
             start = with_best_start(quiet, c.like.model, c.spec)
             other = refined(quiet, held, judge(quiet, held, start, 10, c.like), say)
             others.append((c.spec.name, other))
@@ -301,14 +320,16 @@ def settle(
     return current, contenders
 
 
-def challengers(quiet: Scene, without: Judged, name: str, steps: Sequence[Step]) -> list[Candidate]:
+def challengers(
+    quiet: Scene, without: Judged, name: str, steps: Sequence[Step], reserve: frozenset[str]
+) -> list[Candidate]:
     """Who is fitted in the place of `name`: its siblings and the best of the round it won, at every
     point where they promise much, and itself at the others."""
     names = list(EFFECTS[name].siblings)
     for step in steps:
         if step.accepted is not None and step.accepted.model.names[-1] == name:
             names += [r.model.names[-1] for r in step.rivals[:4]]
-    taken = _excluded(without.model)
+    taken = _excluded(without.model) | reserve
     wanted = [n for n in dict.fromkeys(names) if n not in taken and n != name]
     found = [c for screen in screens(quiet, without) for c in screen.candidates(wanted)]
     found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
