@@ -15,6 +15,8 @@ from ffl.systems.state_space import Array
 PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: half of log N)
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 PASSES = 4  # most changes of noise while one hypothesis is fitted
+SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
+LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 
 
@@ -135,3 +137,14 @@ def raw_error(held: Scene | None, model: Model) -> float:
     if residuals is None:
         return np.inf
     return float(sum(np.sum(e**2) for e in residuals))
+
+
+def earns(rival: Judged, base: Judged, threshold: float) -> bool:
+    """Enough together, and in the fitted and the held-out recordings alike."""
+    fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
+    held = rival.held_out - base.held_out
+    if base.model.effects:  # the first one's imperfection must not be patched with a second
+        share = SHARE * len(base.fit.white)
+        if fitted < share or (len(base.held_white) and held < SHARE * len(base.held_white)):
+            return False
+    return rival.score - base.score > threshold and fitted > LEAST and held > -LEAST / 2

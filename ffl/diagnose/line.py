@@ -12,12 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.fit import Scene
-from ffl.diagnose.judging import Judged, judge
+from ffl.diagnose.judging import Judged, earns, judge
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
 from ffl.systems.plant import EffectSpec
 
+TIE = 4.0  # score that a simpler name may cost
 LINE = 0.02  # relative mass; share of the RMS force on the plant
 NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
 
@@ -59,7 +60,7 @@ def _effect_values(model: Model, name: str) -> dict[str, float]:
 
 def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
     """`judged` with every correction beyond the line turned into its effect."""
-    current = judged
+    current = _spring_with_centre(scene, held, judged)
     for name, effect in NAMES.items():
         size = sizes(scene, current.model).get(name, 0.0)
         if abs(size) <= LINE or effect in {spec.name for spec in current.model.acting}:
@@ -69,6 +70,12 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         spread = _spread(current, name)
         if abs(current.model.corrections[name]) < 3.0 * spread:
             continue
+        if current.model.effects:
+            within = _within(held, current, name, LINE / abs(size))
+            current = judge(current.scene, held, current.model, 4, current.fit)  # by the same noise
+            if not earns(current, within, 0.0):
+                current = within
+                continue
         best: Judged | None = None
         for place in places_of(current.model):
             spec = EffectSpec(effect, _effect_values(current.model, name), place.options)
@@ -84,6 +91,35 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         if best is not None:
             current = best
     return current
+
+
+def _within(held: Scene | None, judged: Judged, name: str, share: float) -> Judged:
+    """`judged` with the correction `name` held at `share` of what it was: on the line. Beside an
+    effect that is a little wrong itself, a correction beyond it must earn its place like an effect."""
+    corrections = {**judged.model.corrections, name: share * judged.model.corrections[name]}
+    model = replace(judged.model, corrections=corrections, held=judged.model.held | {name})
+    return judge(judged.scene, held, model, 6, judged.fit)
+
+
+def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
+    """On a plant with a spring, a stiffness corrected and a constant load that together are a spring
+    with its centre within the travel are that spring, `linear_stiffness`."""
+    model, travel = judged.model, judged.model.base.travel
+    if "constant_load" not in model.names or "stiffness" not in model.corrections:
+        return judged
+    size = sizes(scene, model)["stiffness"]
+    index = model.names.index("constant_load")
+    load = model.effects[index]
+    values = _effect_values(model, "stiffness")
+    if size <= 0.25 * LINE or abs(load.parameters["force"]) > 1.5 * travel * values["stiffness"]:
+        return judged
+    values["centre"] = load.parameters["force"] / values["stiffness"]
+    corrections = {k: v for k, v in model.corrections.items() if k != "stiffness"}
+    spring = replace(model.without(index), corrections=corrections, held=model.held | {"stiffness"})
+    spec = EffectSpec("linear_stiffness", values, load.options)
+    tried = judge(judged.scene, held, spring.with_effect(spec), 8)
+    judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
+    return tried if tried.score > judged.score - TIE else judged
 
 
 def _spread(judged: Judged, name: str) -> float:

@@ -25,6 +25,7 @@ REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}
 # Presliding friction and hysteresis are one law at two lengths: a contact that gives way over a
 # small part of the travel before it slides, a force that remembers the path over a large one.
 CONTACT = 0.025  # of the travel
+ROOM = 0.9  # of the mass at a point that may hang on a spring
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 MOST_SUBSTEPS = 4
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
@@ -193,7 +194,16 @@ class Model:
         scale = max(abs(value), 0.3 * max(alike, default=0.0), 1e-12)
         if parameter.unit == "rad":
             scale = 1.0
+        if parameter.name == "mass_fraction":
+            upper = min(upper, ROOM * self._mass_at(spec))
         return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
+
+    def _mass_at(self, spec: EffectSpec) -> float:
+        """Mass at the effect's point over the moving mass: more cannot be cut off there."""
+        mechanics = self.base.simulator.mechanics
+        side = str(spec.options.get("side", EFFECTS[spec.name].default_side))
+        mobility = mechanics.point(side, spec.options.get("mass_ratio")).mobility
+        return 1.0 / (mobility * mechanics.moving_mass) if mobility > 0 else 1.0
 
     def _shortest(self, spec: EffectSpec, name: str) -> float:
         """Logarithm of the least value that keeps presliding friction and hysteresis apart."""
@@ -251,7 +261,8 @@ class Model:
         effects = tuple(replace(e, options=o) for e, o in zip(effects, options, strict=True))
         other = Model(self.base, corrections, effects, self.held, given)
         object.__setattr__(other, "coordinates", self.coordinates)
-        object.__setattr__(other, "substeps", self.substeps)
+        if "substeps" in self.__dict__:
+            object.__setattr__(other, "substeps", self.substeps)
         return other
 
     @property

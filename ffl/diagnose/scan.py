@@ -81,10 +81,12 @@ def _over_position(motions: list[Motion], forces: list[Array], power: _Power):  
     joined_x = np.concatenate([m.x for m in motions])
     speed = np.abs(np.concatenate([m.v for m in motions]))
     force = np.concatenate(forces)
-    # Jumps between recordings are not moves between samples.
-    fastest = max(float(np.abs(np.diff(m.x)).max(initial=0.0)) for m in motions)
+    # Jumps between recordings are not moves between samples. Positions are known whatever the speed,
+    # so a period may pass in few samples of the fastest motion, as long as most of it shows more.
+    moves = np.concatenate([np.abs(np.diff(m.x)) for m in motions])
+    usual = float(np.median(moves[moves > 0.05 * moves.max(initial=0.0)])) if moves.any() else 0.0
     numbers = np.arange(1.0, 400.0, 0.25) / max(np.ptp(joined_x), 1e-300)
-    numbers = numbers[numbers < max(0.2 / max(fastest, 1e-300), numbers[2])]
+    numbers = numbers[numbers < max(0.3 / max(usual, 1e-300), numbers[2])]
     if not len(numbers):
         return numbers, numbers
     # Speeds in classes: the norm needs |H|^2 at speed * wave number only.

@@ -110,7 +110,7 @@ class Screen:
         self._impulses: dict[Place, list[Array]] = {}
         self._spectra: dict[Place, list[tuple[int, Array]]] = {}
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
-        self.basis = _orthonormal(fit.jacobian)
+        self.basis = orthonormal(fit.jacobian)
         self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
 
     # --- filters ---------------------------------------------------------------------------------
@@ -303,7 +303,7 @@ def _nothing(sample_time: float) -> StateSpace:
     return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)
 
 
-def _orthonormal(columns: Array) -> Array:
+def orthonormal(columns: Array) -> Array:
     """Basis of the columns' span; directions below 1e-9 of the largest are dropped."""
     if columns.shape[1] == 0:
         return np.zeros((len(columns), 0))

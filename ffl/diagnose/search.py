@@ -15,18 +15,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.judging import (
     PER_NUMBER,
     QUIET,
     Judged,
+    earns,
     judge,
     levelled,
     raw_error,
     raw_residuals,
 )
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import Candidate, Screen
+from ffl.diagnose.screen import Candidate, Screen, orthonormal
 from ffl.diagnose.starts import with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
@@ -34,14 +35,13 @@ from ffl.systems.plant import EffectSpec
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 MOST_KNOTS = 33
-SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
 WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of what it was
-LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
-CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
+HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
+CHALLENGERS = 5  # most rivals that an effect must stand up to in the end
 ELSEWHERE = 0.4  # of the first-order gain: the same physics at another point worth a fit
 
 
@@ -144,7 +144,7 @@ def contest(
             pliable = [c for c in fresh if c.spec.name in PLIABLE]
             entrants += shortlist([c for c in fresh if c not in pliable] if reserve else pliable)
         for c in entrants:
-            rival = judge(quiet, held, with_best_start(quiet, c.like.model, c.spec), 6, c.like)
+            rival = judge(quiet, held, with_best_start(quiet, c.like, c.spec), 6, c.like)
             say(
                 f"  {rival.name} {c.place.side}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
@@ -155,7 +155,7 @@ def contest(
             if rival.score > base.score and rival.fit.status == "rounds":
                 rivals[k] = judge(quiet, held, rival.model, 8, rival.fit)
         rivals.sort(key=lambda j: -j.score)
-        worthy = [r for r in rivals if _earns(r, base, threshold)]
+        worthy = [r for r in rivals if earns(r, base, threshold)]
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and _calls_for(reserve, base, screened, least):
@@ -190,24 +190,38 @@ LADDERS = {  # where the cost is not convex: the parameter, and factors on what 
 }
 
 
-def with_best_start(scene: Scene, model: Model, spec: EffectSpec) -> Model:
-    """`model` with the effect, its decisive parameter at the best rung of a ladder of simulations."""
-    rungs = [model.with_effect(spec)]
+def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
+    """The model of `like` with the effect, in the form and with its decisive parameter at the rung
+    of a ladder of simulations that leave least, whatever the numbers fitted in `like` can mend
+    beside it."""
+    model = like.model
+    forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
+    values = [spec.parameters]
     if spec.name in LADDERS:
         name, factors = LADDERS[spec.name]
-        effect = EFFECTS[spec.name].parameter(name)
-        for factor in factors:
-            value = float(np.clip(spec.parameters[name] * factor, effect.lower, effect.upper))
-            rungs.append(
-                model.with_effect(replace(spec, parameters={**spec.parameters, name: value}))
-            )
-    rungs = [rung.at(rung.theta) for rung in rungs]  # within bounds
+        bounds = EFFECTS[spec.name].parameter(name)
+        rungs = np.clip(spec.parameters[name] * factors, bounds.lower, bounds.upper)
+        values += [{**spec.parameters, name: float(value)} for value in rungs]
+    tried = [
+        replace(spec, parameters=p, options={**spec.options, **form})
+        for form in forms
+        for p in values
+    ]
+    starts = [model.with_effect(s) for s in tried]
+    starts = [start.at(start.theta) for start in starts]  # within bounds
+    if len(starts) == 1:
+        return starts[0]
+    basis = orthonormal(scene.whiten_stacked(like.columns))
     costs = []
-    for rung in rungs:
-        residuals = scene.residuals(rung)
-        white = None if residuals is None else scene.whiten(residuals)
-        costs.append(np.inf if white is None else float(white @ white))
-    return rungs[int(np.argmin(costs))]
+    for start in starts:
+        residuals = scene.residuals(start)
+        if residuals is None:
+            costs.append(np.inf)
+            continue
+        white = scene.whiten(residuals)
+        mended = basis.T @ white
+        costs.append(float(white @ white - mended @ mended))
+    return starts[int(np.argmin(costs))]
 
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company
@@ -266,17 +280,6 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
     return current
 
 
-def _earns(rival: Judged, base: Judged, threshold: float) -> bool:
-    """Enough together, and in the fitted and the held-out recordings alike."""
-    fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
-    held = rival.held_out - base.held_out
-    if base.model.effects:  # the first one's imperfection must not be patched with a second
-        share = SHARE * len(base.fit.white)
-        if fitted < share or (len(base.held_white) and held < SHARE * len(base.held_white)):
-            return False
-    return rival.score - base.score > threshold and fitted > LEAST and held > -LEAST / 2
-
-
 def settle(
     quiet: Scene,
     held: Scene | None,
@@ -303,15 +306,19 @@ def settle(
             continue
         others = [(name, current)]
         for c in challengers(quiet, without, name, steps, reserve):
-            start = with_best_start(quiet, c.like.model, c.spec)
-            other = refined(quiet, held, judge(quiet, held, start, 10, c.like), say)
+            start = with_best_start(quiet, c.like, c.spec)
+            other = judge(quiet, held, start, 4, c.like)
+            if other.score > current.score - HOPELESS * (current.score - without.score):
+                other = refined(quiet, held, judge(quiet, held, other.model, 8, other.fit), say)
             others.append((c.spec.name, other))
         names, tried = zip(*others, strict=True)
-        others = list(zip(names, levelled(tried), strict=True))
+        *tried, alone = levelled([*tried, without])
+        others = list(zip(names, tried, strict=True))
         current = others[0][1]
         for rival, other in others[1:]:
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
-        best_name, best = max(others, key=lambda pair: pair[1].score)
+        worthy = [pair for pair in others[1:] if earns(pair[1], alone, 0.0)]
+        best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
         if best.score > current.score + SUBSTITUTE:
             current = best
         else:

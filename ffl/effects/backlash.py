@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -191,6 +193,12 @@ class Backlash(Effect):
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[1] if len(packed) > 1 else 0.0
+
+    def forms(self, flexible: bool) -> list[dict[str, Any]]:
+        if flexible:
+            return [{"kind": "coupling"}, {"kind": "play"}]
+        loads = [{"kind": "load", "measured": side} for side in ("motor", "load")]
+        return [{"kind": "play"}, *loads]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"shape": float(g)} for g in motion.span * np.geomspace(1e-5, 0.1, 9)]

@@ -249,6 +249,10 @@ class Effect:
         """Values of the non-linear parameters to try, from the data; [{}] where there are none."""
         return [{}]
 
+    def forms(self, flexible: bool) -> list[dict[str, Any]]:
+        """Options of each form it can take on a plant with modes (`flexible`) or without."""
+        return [{}]
+
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """(N, k) signals at `port`, for the coefficients that `from_coefficients` reads."""
         raise InputError(f"effect {self.name} has no regressors")
