@@ -91,12 +91,17 @@ def step(
     state: Annotated[
         Path | None, typer.Option(help="state.json that the step before wrote.")
     ] = None,
+    check: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recording that teaches nothing; the model foretells its next error."),
+    ] = None,
+    check_map: Annotated[Path | None, typer.Option(help="Mapping of the --check files.")] = None,
     json: Json = False,
 ) -> None:
     """One learning step on a real machine's recording: next feedforward and new state."""
     from ffl.report.step import step_with_report
 
-    answer = step_with_report(model, basis, trial, out, map, state)
+    answer = step_with_report(model, basis, trial, out, map, state, check or (), check_map)
     if json:
         print_json(answer)
         return
@@ -108,6 +113,11 @@ def step(
         off = 100 * entry["relative"]
         print(
             f"{name}: documented {entry['documented']:g}, learned {entry['learned']:.4g} ({off:+.1f} %)"
+        )
+    for entry in answer.get("foretold", ()):
+        print(
+            f"{entry['recording']}: RMS error measured {entry['measured']:.4g}, model as recorded "
+            f"{entry['before']:.4g}, with the next feedforward {entry['after']:.4g}"
         )
     print(f"\nnext feedforward: {out / 'feedforward.csv'}\nreport: {out / 'report.html'}")
 

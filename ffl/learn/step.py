@@ -109,6 +109,13 @@ def learn_from_recording(
     )
 
 
+def feedforward_for(basis: Basis, recording: Recording, theta: Array, previous: Array) -> Array:
+    """The next f (N,) for this recording's reference: the basis with `theta`, and what its f held
+    beside the basis with `previous` (a known injection) once more."""
+    phi = _GoingOn(basis).regressors(recording.r)
+    return recording.f + phi @ (theta - previous)
+
+
 class _GoingOn(Basis):
     """`basis` for a recording cut out of a motion: beyond its samples the reference goes on at the
     velocity it has there. Holding it, as for a trial at rest, would ask for an infinite force."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
 from ffl.campaign.store import versions
 from ffl.errors import InputError
-from ffl.learn.step import Step, learn_from_recording
+from ffl.learn.foretold import Foretold, foretold
+from ffl.learn.step import Step, feedforward_for, learn_from_recording
 from ffl.recordings import Recording, read_recording
 from ffl.report.finished import motion_interval
 from ffl.report.learning_figures import over_time
@@ -25,11 +27,20 @@ from ffl.systems.state_space import Array
 
 
 def step_with_report(
-    model_path: Path, basis_path: Path, trial: Path, out: Path, map: Path | None, state: Path | None
+    model_path: Path,
+    basis_path: Path,
+    trial: Path,
+    out: Path,
+    map: Path | None,
+    state: Path | None,
+    checks: Sequence[Path] = (),
+    check_map: Path | None = None,
 ) -> dict[str, Any]:
     """Learns one step and writes feedforward.csv, state.json, answer.json and report.html to `out`.
 
-    Everything is read, learned and checked before the first file is written.
+    Where the model has effects, it foretells the error with the next feedforward, on the trial and
+    on the recordings `checks`, from which nothing is learned. Everything is read, learned and
+    checked before the first file is written.
     """
     model = load_plant(model_path)
     form = load_step(basis_path)
@@ -54,6 +65,20 @@ def step_with_report(
     if step.report.status == "infeasible":
         raise InputError(f"{basis_path}: constraints: {step.report.message}")
     answer = _answer(step, form.documented, number + 1)
+    others = [
+        read_recording(
+            find_recording(str(path), Path()),
+            find_map(str(check_map), Path()) if check_map is not None else mapping,
+        )
+        for path in checks
+    ]
+    told: list[Foretold] = []
+    if model.effects or others:
+        told = [
+            foretold(model, r, feedforward_for(basis, r, step.theta, step.previous))
+            for r in (recording, *others)
+        ]
+        answer["foretold"] = [{"recording": t.recording, **t.rms} for t in told]
     new_state = {
         "schema": 1,
         "trial": number + 1,
@@ -65,7 +90,7 @@ def step_with_report(
         "recording": recording.source,
         "versions": versions(),
     }
-    page = step_page(step, recording, model, answer)
+    page = step_page(step, recording, model, answer, told)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a folder for --out")
     write_text(out / "feedforward.csv", _csv(recording.t, recording.r, step.feedforward))
@@ -136,7 +161,13 @@ def _answer(step: Step, documented: dict[str, float], trial: int) -> dict[str, A
     return answer
 
 
-def step_page(step: Step, recording: Recording, model: Plant, answer: dict[str, Any]) -> Page:
+def step_page(
+    step: Step,
+    recording: Recording,
+    model: Plant,
+    answer: dict[str, Any],
+    told: Sequence[Foretold] = (),
+) -> Page:
     """What was learned, from what, and what to expect of the next trial."""
     unit_y, unit_f = model.output_unit or "-", model.input_unit or "-"
     page = Page(
@@ -182,8 +213,31 @@ def step_page(step: Step, recording: Recording, model: Plant, answer: dict[str, 
         )
     for note in step.notes:
         page.note(note)
+    if told:
+        _foretold(page, told, unit_y)
     _figures(page, step, recording, unit_y, unit_f)
     return page
+
+
+def _foretold(page: Page, told: Sequence[Foretold], unit: str) -> None:
+    page.section("Foretold by the model with its effects").table(
+        ["recording", "measured", "model, as recorded", "model, with the next feedforward"],
+        [[t.recording, *t.rms.values()] for t in told],
+        f"RMS of r - y [{unit}]. Where the first two agree, the third is worth believing; recordings "
+        "after the first taught nothing.",
+    )
+    with drawing():
+        figure, axes = subplots(8.6, 2.6 * len(told), len(told), 1, squeeze=False)
+        for ax, t in zip(axes[:, 0], told, strict=True):
+            for name in ("measured", "before", "after"):
+                ax.plot(getattr(t, name), label=name, lw=1.0)
+            ax.set(xlabel="sample", ylabel=f"r - y [{unit}]", title=t.recording)
+        axes[0, 0].legend(ncols=3, loc="upper right")
+        page.figure(
+            figure,
+            "Error measured, and on the model before and after",
+            "What feedforward of the reference cannot foresee (known pulses, noise) stays.",
+        )
 
 
 def _figures(page: Page, step: Step, recording: Recording, unit_y: str, unit_f: str) -> None:

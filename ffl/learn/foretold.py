@@ -1,0 +1,64 @@
+"""What a next feedforward would do, on the model with its effects, before the machine runs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffl.errors import InputError
+from ffl.machines import Simulator
+from ffl.recordings import Recording
+from ffl.systems import Plant
+from ffl.systems.state_space import Array
+
+LEAD = 2000  # samples of reference put before the recording, in which model and servo settle
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """r - y in output units, (N,) each: `measured`, of the model with the feedforward as recorded
+    (`before`) and with the next one (`after`)."""
+
+    recording: str
+    measured: Array
+    before: Array
+    after: Array
+
+    @property
+    def rms(self) -> dict[str, float]:
+        names = ("measured", "before", "after")
+        return {name: float(np.sqrt(np.mean(getattr(self, name) ** 2))) for name in names}
+
+
+def foretold(model: Plant, recording: Recording, feedforward: Array) -> Foretold:
+    """Two runs of `model` over the recording's reference: with its own f, and with `feedforward` (N,)
+    in its place.
+
+    The recording may begin in motion: the reference goes on backwards at the velocity it has there.
+    `model` agreeing with `measured` before is what gives `after` its weight.
+    Raises `InputError` where the model with its effects diverges.
+    """
+    r = recording.r
+    steps = np.arange(LEAD, 0.0, -1.0)
+    before = r[0] - (r[1] - r[0]) * steps
+    whole = np.concatenate([before, r])
+    simulator = Simulator(model)
+    errors = []
+    for f in (recording.f, feedforward):
+        lead = np.full(LEAD, f[0])
+        run = simulator.run(
+            model.effects,
+            whole,
+            np.concatenate([lead, f]),
+            force=None if recording.d is None else np.concatenate([np.zeros(LEAD), recording.d]),
+            start=simulator.at_rest(float(whole[0])),
+            command_limit=model.machine.command_limit,
+        )
+        if run.diverged:
+            raise InputError(
+                f"{recording.source}: model '{model.name}' diverges on this reference; its effects "
+                "or its controller do not fit the machine"
+            )
+        errors.append(r - run.y[LEAD:])
+    return Foretold(recording.source, r - recording.y, *errors)
