@@ -41,7 +41,7 @@ SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
-CHALLENGERS = 5  # most rivals that an effect must stand up to in the end
+CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
 ELSEWHERE = 0.4  # of the first-order gain: the same physics at another point worth a fit
 
 
@@ -137,7 +137,7 @@ def contest(
             taken.add("drift")
         screened = []
         entrants: list[Candidate] = []
-        for screen in screens(quiet, base):
+        for screen in screens(quiet, base, not steps):
             seen = screen.candidates()
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
@@ -168,11 +168,11 @@ def contest(
         held = accepted.held
 
 
-def screens(quiet: Scene, base: Judged) -> list[Screen]:
-    """Views of what `base` leaves: from where its corrections stand and, where these have gone far
-    to stand in for an effect, from nominal ones as well."""
+def screens(quiet: Scene, base: Judged, first: bool) -> list[Screen]:
+    """Views of what `base` leaves: from where its corrections stand and, where before the `first`
+    effect these have gone far to stand in for one, from nominal ones as well."""
     out = [Screen(quiet, base.fit)]
-    if base.fit.surprise > FAR:
+    if first and base.fit.surprise > FAR:
         kept = {k: v for k, v in base.model.corrections.items() if k in base.model.held}
         nominal = replace(base.model, corrections=kept)
         out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
@@ -305,7 +305,7 @@ def settle(
             current = without
             continue
         others = [(name, current)]
-        for c in challengers(quiet, without, name, steps, reserve):
+        for c in challengers(quiet, current, index, steps, reserve):
             start = with_best_start(quiet, c.like, c.spec)
             other = judge(quiet, held, start, 4, c.like)
             if other.score > current.score - HOPELESS * (current.score - without.score):
@@ -328,23 +328,30 @@ def settle(
 
 
 def challengers(
-    quiet: Scene, without: Judged, name: str, steps: Sequence[Step], reserve: frozenset[str]
+    quiet: Scene, current: Judged, index: int, steps: Sequence[Step], reserve: frozenset[str]
 ) -> list[Candidate]:
-    """Who is fitted in the place of `name`: its siblings and the best of the round it won, at every
-    point where they promise much, and itself at the others."""
-    names = list(EFFECTS[name].siblings)
+    """Who is fitted in the place of effect `index`, from where the linear model stands beside it: its
+    siblings and the best of the round it won, each at the point that promises most and at its own."""
+    spec = current.model.effects[index]
+    names = list(EFFECTS[spec.name].siblings)
     for step in steps:
-        if step.accepted is not None and step.accepted.model.names[-1] == name:
+        if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
             names += [r.model.names[-1] for r in step.rivals[:4]]
-    taken = _excluded(without.model) | reserve
-    wanted = [n for n in dict.fromkeys(names) if n not in taken and n != name]
-    found = [c for screen in screens(quiet, without) for c in screen.candidates(wanted)]
+    company = current.model.without(index)
+    taken = _excluded(company) | reserve
+    wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]
+    found = Screen(quiet, fit(quiet, company, rounds=0)).candidates([*wanted, spec.name])
     found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
-    best: dict[str, float] = {}
+    side = spec.options.get("side", "sensor")
+    top = max((c.gain for c in found), default=0.0)
+    chosen, others = [], []
+    seen: set[str] = set()
     for c in found:
-        best[c.spec.name] = max(best.get(c.spec.name, 0.0), c.gain)
-    top = max(best.values(), default=0.0)
-    first = {c.spec.name: c for c in reversed(found)}
-    chosen = [c for c in found if first[c.spec.name] is c and c.gain > 0.02 * top]
-    chosen += [c for c in found if c not in chosen and c.gain > 0.7 * best[c.spec.name]]
-    return chosen[:CHALLENGERS]
+        own = c.spec.options.get("side", "sensor") == side
+        if c.spec.name == spec.name:
+            if not own:
+                others.append(c)
+        elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
+            (others if c.spec.name in seen else chosen).append(c)
+            seen.add(c.spec.name)
+    return [*chosen, *others][:CHALLENGERS]
