@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from ffl.diagnose.judging import Judged
+from ffl.diagnose.line import slight
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.result import ModelCorrection
 
 
 def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
-    """Numbers of the plant file that were found otherwise by three standard errors or more."""
+    """Numbers of the plant file that were found otherwise by three standard errors or more; a slight
+    delay or lag in samples."""
     out = []
+    plant = standing.model.base.plant
     damping = _nominal_damping(standing.model)
     for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):
         if c.kind == "given" and c.place is None:
             out += _of_stated(standing.model, c.effect, c.name, spread, c.log)
+        if c.kind == "effect" and slight(spec := standing.model.effects[c.effect], plant):
+            value = float(spec.parameters[c.name]) / plant.sample_time
+            out.append(ModelCorrection(spec.name, value, float(spread / plant.sample_time)))
         if c.kind != "correction":
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))

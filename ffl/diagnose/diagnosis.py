@@ -14,7 +14,7 @@ from ffl.diagnose.corrections import corrections
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import FreeForm, free_form
 from ffl.diagnose.judging import Judged, judge
-from ffl.diagnose.line import across_the_line
+from ffl.diagnose.line import across_the_line, slight
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
 from ffl.diagnose.observer import decay_for, led, needs_observer, with_observer
@@ -175,6 +175,9 @@ def _conclude(
     effects = standing.model.effects
     excess = _excess(model, standing)
     verdict, place = _verdict(standing, structure, excess)
+    told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
+    if effects and not told:
+        verdict, place = "nothing_missing", where.Place("", "", ())
     if proof.nrmse_after > UNLIKE:
         verdict = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
@@ -189,7 +192,7 @@ def _conclude(
             frequency_band_hz=where.band(maps_before),
             time_s=where.stretches(maps_before),
         )
-    findings = tuple(_finding(standing, index, outcome, model) for index in range(len(effects)))
+    findings = tuple(_finding(standing, index, outcome, model) for index in told)
     return Diagnosis(
         plant=model,
         augmented=augmented,

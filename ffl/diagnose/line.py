@@ -16,11 +16,21 @@ from ffl.diagnose.judging import Judged, earns, judge
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
-from ffl.systems.plant import EffectSpec
+from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
 LINE = 0.02  # relative mass; share of the RMS force on the plant
+TENTH = {
+    "input_delay": "delay",
+    "actuator_lag": "time_constant",
+}  # of a sample: the contract's line
 NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
+
+
+def slight(spec: EffectSpec, plant: Plant) -> bool:
+    """A delay or lag below a tenth of a sample: a correction of the model, not physics it lacks."""
+    name = TENTH.get(spec.name)
+    return name is not None and float(spec.parameters[name]) < 0.1 * plant.sample_time
 
 
 def sizes(scene: Scene, model: Model) -> dict[str, float]:

@@ -24,6 +24,9 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import StateSpace, series
 from ffl.systems.zpk import Zpk
 
+BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
+BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slower than 1 kHz
+
 
 @dataclass(frozen=True)
 class Correction:
@@ -51,7 +54,7 @@ def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
     damping, stiffness = modal_terms(mechanics, first)
     rate = 0.1 * abs(damping) + 0.01
     out = [Correction("mass", 0.01, -0.8, 5.0)]
-    if stiffness > (2 * np.pi * 0.05) ** 2:
+    if stiffness > min(BOUND, BOUND_PER_SAMPLE / mechanics.sample_time) ** 2:
         out.append(Correction("damping", 0.1 * abs(damping) + 1e-3, -abs(damping), 1e4))
         out.append(Correction("stiffness", 0.01, -0.9, 10.0))
     else:
@@ -87,7 +90,8 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
             new_k = stiffness * w**2
             new_d = damping * w * (1.0 + values.get(f"mode_{i}_damping", 0.0))
         a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
-        modes.append(replace(mode, residue=mode.residue * gain, force=mode.force * gain))
+        residue = abs(float(mode.velocity @ b + new_d * (mode.position @ b))) * gain
+        modes.append(replace(mode, residue=residue, force=push * residue))
     fast = mechanics.fast
     fast = StateSpace(fast.a, fast.b, fast.c * gain, fast.d * gain, fast.sample_time)
     return replace(

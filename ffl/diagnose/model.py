@@ -138,7 +138,7 @@ class Model:
         plant = corrected_plant(
             self.base.plant, self.base.simulator.mechanics, dict(self.corrections)
         )
-        return replace(plant, effects=(*self.stated, *self.effects))
+        return replace(plant, effects=self.acting)
 
     # --- as a vector -----------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
 
 SLOWEST = 1.0  # Hz: lowest corner of coloured noise; what is slower is physics
+SLOW = 0.02  # of the sampling rate: the same for processes that are sampled slowly
 LOUDEST = 2.5  # most coloured noise beside the white: a louder one would pass friction for noise
 
 
@@ -148,7 +149,8 @@ def fit_noise(
     weight = seen.weight * min(1.0, 4000.0 / seen.weight.sum())
     levels = _levels(seen, paths, floor)
     duration = max(len(x) for x in residuals) * loop.system.sample_time
-    corner = np.log([max(SLOWEST, 2.0 / duration), 0.25 / loop.system.sample_time])
+    slowest = min(SLOWEST, SLOW / loop.system.sample_time)
+    corner = np.log([max(slowest, 2.0 / duration), 0.25 / loop.system.sample_time])
     share = np.log([1e-3, LOUDEST])
     ranges = [np.log(level) + np.array([-9.0, 9.0]) for level in levels]
     bounds = [ranges[0], ranges[1], share, corner, share, corner]

@@ -226,6 +226,8 @@ class Screen:
     def places(self, effect: Effect) -> list[Place]:
         if effect.port != "force":
             return [Place(effect.port)]
+        if effect.needs_mass and not self.model.simulator.mechanics.modes:
+            return []  # one lag moves no mass
         out = places_of(self.model)
         kept = [p for p in out if p.side in effect.sides]
         return kept or [Place("force", effect.default_side)]

@@ -122,7 +122,7 @@ def _free(system: StateSpace, n: int) -> Array:
     for k in range(n):
         out[k] = row
         row = row @ system.a
-        if not np.abs(row).max() > 1e-12:
+        if not np.abs(row).max(initial=0.0) > 1e-12:
             break
     return out
 

@@ -44,7 +44,7 @@ class ActuatorLag(Effect):
     component = "actuator"
     port = "command"
     default_side = "motor"
-    parameters = (Parameter("time_constant", "s", upper=100.0),)
+    parameters = (Parameter("time_constant", "s"),)
     depends_on = ("time", "command")
     siblings = ("input_delay", "viscous_friction", "flexible_mode")
     law = staticmethod(_law)

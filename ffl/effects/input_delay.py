@@ -33,7 +33,7 @@ class InputDelay(Effect):
     component = "timing"
     port = "command"
     default_side = "motor"
-    parameters = (Parameter("delay", "s", upper=100.0),)
+    parameters = (Parameter("delay", "s"),)
     depends_on = ("time", "command")
     siblings = ("actuator_lag", "viscous_friction")
     law = staticmethod(_law)

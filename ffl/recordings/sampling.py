@@ -106,6 +106,13 @@ def _rounding(t: Array, interval: float) -> float:
         if step <= 0.1 * interval and np.abs(t - np.round(t, digits)).max() <= floor:
             candidates.append(step)
             break
+    size = np.floor(np.log10(np.maximum(np.abs(t), np.finfo(float).tiny)))
+    for digits in range(4, 13):  # significant digits, as %.7g writes them: fewer decimals later on
+        step = 10.0 ** (float(size.max()) - digits + 1)
+        unit = 10.0 ** (size - digits + 1)
+        if step <= 0.1 * interval and np.all(np.abs(t - np.round(t / unit) * unit) <= floor):
+            candidates.append(step)
+            break
     return max(c for c in candidates if c <= 0.1 * interval or c == floor)
 
 
