@@ -115,7 +115,8 @@ def discrete(mechanics: Mechanics) -> StateSpace:
     block = np.zeros((n + 1, n + 1))
     block[:n, :n], block[:n, n] = mechanics.a, mechanics.b
     held = scipy.linalg.expm(block * step)
-    slow = StateSpace(held[:n, :n], held[:n, n:], mechanics.c[None], mechanics.d, step)
+    k = mechanics.own
+    slow = StateSpace(held[:k, :k], held[:k, n:], mechanics.c[None, :k], mechanics.d, step)
     fast = mechanics.fast
     if fast.order:
         slow = StateSpace(

@@ -179,7 +179,10 @@ class Screen:
 
     def _motion(self, trial: Trial, place: Place) -> Motion:
         key = (place.side if place.port == "force" else "sensor", place.mass_ratio)
-        motion = self.model.simulate(trial, watch=[key]).motion(*key)
+        run = self.model.simulate(trial, watch=[key])
+        motion = run.motion(*key)
+        if place.port == "output" and self.model.simulator.mechanics.place is not None:
+            return replace(motion, x=run.y)  # a sensor of speed acts on the speed
         if place.port != "force":
             return motion
         return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))

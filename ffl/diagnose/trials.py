@@ -201,13 +201,14 @@ def _ordering(simulator: Simulator) -> Array:
 def _rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
     """Standstill of an open-loop plant under a constant command, loads included in `held`, as near
     `position` as it can be."""
-    m = simulator.mechanics
+    m, n = simulator.mechanics, simulator.mechanics.own
+    weight = np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)
     solution = np.linalg.lstsq(
-        np.vstack([m.a, m.c[None] * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)]),
-        np.append(-m.b * held, position * np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)),
+        np.vstack([m.a[:n, :n], m.c[None, :n] * weight]),
+        np.append(-m.b[:n] * held, position * weight),
         rcond=1e-13,
     )[0]
     start = np.zeros(simulator.n_states)
-    start[: m.order] = solution
+    start[:n] = solution
     start[simulator.n_plant : simulator.n_plant + m.delay] = command
     return start

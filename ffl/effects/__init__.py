@@ -19,7 +19,7 @@ from ffl.effects.input_delay import InputDelay
 from ffl.effects.linear_stiffness import LinearStiffness
 from ffl.effects.mass_change import MassChange
 from ffl.effects.mechanics import Mechanics
-from ffl.effects.modal import mechanics_of
+from ffl.effects.modal import is_speed, mechanics_of
 from ffl.effects.periodic_disturbance import PeriodicDisturbance
 from ffl.effects.point import Point
 from ffl.effects.position_dependent_friction import PositionDependentFriction
@@ -91,5 +91,6 @@ __all__ = [
     "Setting",
     "check_effects",
     "effect_of",
+    "is_speed",
     "mechanics_of",
 ]

@@ -34,6 +34,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ffl.effects.mechanics import Mechanics
+from ffl.effects.modal import is_speed
 from ffl.effects.point import Point
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
@@ -100,10 +101,15 @@ class Parameter:
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
         force = "N" if plant.physics.motor_constant is not None else plant.input_unit or "input"
-        words = {"F": force, "u": plant.input_unit or "input", "x": plant.output_unit or "output"}
-        return " ".join(
+        measured = plant.output_unit or "output"
+        words = {"F": force, "u": plant.input_unit or "input", "x": measured}
+        if is_speed(measured) and "x" in self.unit:  # x is the integral of what is measured
+            words["x"] = "\0"
+        text = " ".join(
             "/".join(_power(part, words) for part in word.split("/")) for word in self.unit.split()
         )
+        text = text.replace("\0/s", measured).replace(" s/\0", f"/({measured})")
+        return text.replace("\0", f"({measured} s)")
 
 
 def _power(word: str, words: Mapping[str, str]) -> str:

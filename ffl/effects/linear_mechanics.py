@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ffl.effects.base import Setting
 from ffl.effects.mechanics import Mechanics
-from ffl.effects.modal import mechanics_of
+from ffl.effects.modal import is_speed, mechanics_of
 from ffl.systems.plant import Plant
 
 
@@ -13,7 +13,7 @@ def mechanics_with_effects(plant: Plant) -> Mechanics:
     `modify` (mass, damping, stiffness, a hung mode); the rest of the effects leave it alone."""
     from ffl.effects import effect_of
 
-    mechanics = mechanics_of(plant.system)
+    mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
     for spec in plant.effects:
         effect = effect_of(spec)
         setting = Setting(plant.physics.motor_constant or 1.0, mechanics, spec.options)

@@ -49,6 +49,7 @@ class Mechanics:
     replaces the sensor's point where an effect has moved it; `links` are the springs, by name, on
     which effects have hung a mass (force pair and stretch between the two). `origin` is the plant
     before any effect changed it, where its points are known; `push` and `pull` bring them here.
+    `place` reads the position where y is a speed: the last state of such a plant is its integral.
     """
 
     a: Array
@@ -69,10 +70,21 @@ class Mechanics:
     origin: Mechanics | None = None
     push: Array | None = None
     pull: Array | None = None
+    place: Array | None = None
 
     @property
     def order(self) -> int:
         return self.a.shape[0]
+
+    @property
+    def own(self) -> int:
+        """States of the plant itself, the integral of a measured speed left out."""
+        return self.order - (self.place is not None)
+
+    @property
+    def position(self) -> Array:
+        """The row that reads the position of the measured side."""
+        return self.c if self.place is None else self.place
 
     @property
     def moving_mass(self) -> float:
@@ -95,7 +107,7 @@ class Mechanics:
         if self.origin is not None and self.push is not None and self.pull is not None:
             return self.origin.point(side, mass_ratio).mapped(self.push, self.pull)
         if not self.modes:
-            return Point(self.b * self.sign, self.c, np.zeros(self.order))
+            return Point(self.b * self.sign, self.position, np.zeros(self.order))
         if (pair := self.two_masses(mass_ratio)) is not None:
             at = {"motor": pair.motor, "load": pair.load, "sensor": pair.sensor}
             return pair.motor.minus(pair.load) if side == "coupling" else at[side]
@@ -112,11 +124,11 @@ class Mechanics:
         if self.modes[1].sign > 0:
             return self._collocated if mass_ratio is None else None
         ratio = mass_ratio or self.modes[1].residue / self.modes[0].residue
-        return across(self.a, self.b * self.sign, self.c, ratio)
+        return across(self.a, self.b * self.sign, self.position, ratio)
 
     @cached_property
     def _collocated(self) -> TwoMasses | None:
-        return collocated(self.a, self.b * self.sign, self.c)
+        return collocated(self.a, self.b * self.sign, self.position)
 
     def coupling(self, mass_ratio: float | None = None) -> tuple[float, float]:
         """Stiffness and damping of the spring between motor and load (of the first mode)."""
@@ -157,6 +169,7 @@ class Mechanics:
             exact=None,
             bias=tuple((p.mapped(push, pull), f) for p, f in self.bias),
             links=tuple((name, p.mapped(push, pull)) for name, p in self.links),
+            place=None if self.place is None else self.place @ pull,
             sensor=self.sensor and self.sensor.mapped(push, pull),
             origin=self.origin or self,
             push=push @ before[0],
@@ -213,7 +226,10 @@ class Mechanics:
         changed = replace(
             changed, links=(*changed.links, (link, point.mapped(push, pull).minus(hung_point)))
         )
-        return replace(changed, c=hung_point.position, sensor=hung_point) if sensed else changed
+        if not sensed:
+            return changed
+        row = hung_point.position if self.place is None else hung_point.velocity
+        return replace(changed, c=row, sensor=hung_point)
 
     def with_mass(self, point: Point, mass: float) -> Mechanics:
         """Adds the force -mass * acceleration at `point` to the linear part."""

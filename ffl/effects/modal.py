@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import scipy.linalg
 
@@ -12,12 +14,24 @@ from ffl.systems.zpk import Zpk
 FAST_POLE = 1e-6  # a pole nearer to the origin of the z plane is part of a delay, not of mechanics
 
 
-def mechanics_of(system: Zpk | StateSpace) -> Mechanics:
+SPEEDS = re.compile(
+    r"\s*(rpm|r/min|rev/min|1/min|u/min|(m|mm|cm|um|rad|deg|°|rev|ticks?|counts?|inc)\s*/\s*s)\s*",
+    re.I,
+)
+
+
+def is_speed(unit: str) -> bool:
+    """Whether an output in this unit is a speed: rpm, rad/s, m/s, ticks/s and their like."""
+    return SPEEDS.fullmatch(unit) is not None
+
+
+def mechanics_of(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
     """Continuous-time mechanics of a discrete plant under a zero-order hold.
 
     Whole delays (poles at z = 0) are taken off and kept as delay of the command; the rest is brought
     to continuous time by the matrix logarithm, refined once. Where poles lie on the negative real
-    axis, the plant is split there and they stay in discrete time.
+    axis, the plant is split there and they stay in discrete time. `speed`: the output is the speed of
+    what moves, so its integral is added as the last state and forces depend on both.
     """
     delay, ss = _without_delay(system)
     slow, fast = _split_fast(ss)
@@ -29,11 +43,21 @@ def mechanics_of(system: Zpk | StateSpace) -> Mechanics:
     log = log + scipy.linalg.expm(-log) @ block - np.eye(n + 1)
     log[n:] = 0.0
     a, b, c = log[:n, :n] / slow.sample_time, log[:n, n] / slow.sample_time, slow.c[0]
+    feed = float(slow.d[0, 0])
+    if speed:
+        grown = np.zeros((n + 1, n + 1))
+        grown[:n, :n], grown[n, :n] = a, c
+        a, b, c, place = grown, np.append(b, feed), np.append(c, 0.0), np.eye(n + 1)[n]
+        modes, sign = _modes(a, b, place)
+        rest = place - sum((mode.position for mode in modes), np.zeros(n + 1))
+        rest = np.zeros(n + 1) if n + 1 == 2 * len(modes) else rest
+        return Mechanics(
+            a, b, c, feed, ss.sample_time, delay, rest, modes, sign, None, fast, place=place
+        )
     modes, sign = _modes(a, b, c)
     rest = c - sum((mode.position for mode in modes), np.zeros(n))
     if n == 2 * len(modes):
         rest = np.zeros(n)  # nothing but rounding is left
-    feed = float(slow.d[0, 0])
     return Mechanics(a, b, c, feed, ss.sample_time, delay, rest, modes, sign, slow, fast)
 
 

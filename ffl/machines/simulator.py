@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffl.effects import Motion
 from ffl.effects.mechanics import Mechanics
-from ffl.effects.modal import mechanics_of
+from ffl.effects.modal import is_speed, mechanics_of
 from ffl.errors import InputError
 from ffl.machines.kernel import run_loop
 from ffl.machines.program import Compiler, Side
@@ -81,7 +81,7 @@ class Simulator:
 
     def __init__(self, plant: Plant, open_loop: bool = False) -> None:
         self.plant = plant
-        self.mechanics = mechanics_of(plant.system)
+        self.mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
         if open_loop or plant.controller is None:
             self.controller = StateSpace(
                 np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[0.0, 0.0]],
@@ -102,7 +102,7 @@ class Simulator:
     @property
     def n_plant(self) -> int:
         """Number of plant states at the front of `start`."""
-        return self.mechanics.order + self.mechanics.fast.order
+        return self.mechanics.own + self.mechanics.fast.order
 
     @property
     def n_states(self) -> int:
@@ -120,12 +120,12 @@ class Simulator:
         Where standing still needs a command (a plant with stiffness), the controller's state is the
         one of least size that gives it.
         """
-        m, n = self.mechanics, self.mechanics.order
+        m, n = self.mechanics, self.mechanics.own
         a, b, c = m.fast.a, m.fast.b, m.fast.c
         size = n + m.fast.order
-        whole = scipy.linalg.block_diag(m.a, a - np.eye(m.fast.order))
-        drive = np.concatenate([m.b, b[:, 0]])
-        sensed = np.concatenate([m.c, c[0]])
+        whole = scipy.linalg.block_diag(m.a[:n, :n], a - np.eye(m.fast.order))
+        drive = np.concatenate([m.b[:n], b[:, 0]])
+        sensed = np.concatenate([m.c[:n], c[0]])
         system = np.block([[whole, drive[:, None]], [sensed[None], np.array([[m.d]])]])
         wanted = np.append(np.zeros(size), position)
         scale = np.abs(system).max(axis=1, keepdims=True)
@@ -191,7 +191,7 @@ class Simulator:
         contribution = np.zeros((n, len(effects)))
         contribution[:, program.index] = out[4]
         ring = np.roll(state[2], -(n % delay)) if delay else state[2]
-        end = np.concatenate([state[0][: self.mechanics.order], state[1], ring, state[3]])
+        end = np.concatenate([state[0][: self.mechanics.own], state[1], ring, state[3]])
         t = start_time + self.plant.sample_time * np.arange(n)
         return Simulation(
             t, signals[0], out[0], out[1], contribution, end, program.sides, positions, velocities,
@@ -231,9 +231,11 @@ class Simulator:
                 f"simulate: start has shape {vector.shape}, expected ({self.n_states},): plant, "
                 "commands under way, controller"
             )
-        n, cuts = self.mechanics.order, np.cumsum([self.mechanics.order, self.mechanics.fast.order])
+        n = self.mechanics.order
+        cuts = np.cumsum([self.mechanics.own, self.mechanics.fast.order])
         cuts = np.append(cuts, cuts[-1] + self.mechanics.delay)
         x, fast, ring, controller = np.split(vector, cuts)
+        x = np.append(x, np.zeros(n - self.mechanics.own))  # the integral of a speed starts at 0
         x = np.concatenate([x, mechanics.hung @ x]) if mechanics.order > n else x
         return x.copy(), fast.copy(), ring.copy(), controller.copy()
 

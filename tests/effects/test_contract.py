@@ -235,7 +235,7 @@ def test_contribution_is_what_acts():
         ("sensor_nonlinearity", {"kind": "cliping", "level": 1.0}, {}, "clipping, rectified"),
         ("sensor_nonlinearity", {"kind": "clipping"}, {}, "needs a level above 0"),
         ("drift", {"amplitude": 1.0, "time_constant": 1.0}, {"kind": "step"}, "exponential, sine"),
-        ("input_delay", {"delay": -1e-3}, {}, "between 0 and 100"),
+        ("input_delay", {"delay": -1e-3}, {}, "between 0 and inf"),
         ("flexible_mode", {"frequency": 10.0, "mass_fraction": 1.5}, {}, "between 1e-09 and 0.999"),
         ("cogging", {"amplitude": 1.0, "period": 0.0}, {}, "must lie between 1e-12"),
         ("cogging", {"amplitude": 1.0, "period": 0.1, "phase_x": 0.0}, {}, "unknown parameter"),

@@ -1,0 +1,112 @@
+"""A sensor that is blind to the sign: the linear part is learned anew through it.
+
+A linear model that was identified from |y| is none of the machine: its poles stand for the folds
+(coupled drives: a mode at 0.7 Hz for one at 4 Hz). No correction of its numbers leads back, so where a
+recording looks folded the linear part is fitted again with |x| for y, from starts all over the band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.optimize
+import scipy.signal
+
+from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
+from ffl.systems.zpk import Zpk
+
+RECTIFIED = EffectSpec("sensor_nonlinearity", {"kind": "rectified", "level": 0.0})
+BELOW = 0.03  # of the range: how far a folded output may fall below zero
+NEAR = 0.05  # of the range: how near to zero it must come
+TOUCHES = 3
+MOST = 3000  # samples that the search looks at
+RESONANCES = 8
+ROUNDS = 400
+
+
+def looks_folded(plant: Plant, recordings: Sequence[Recording]) -> bool:
+    """Open loop, a drive of both signs, and an output that turns back at zero again and again."""
+    if plant.controller is not None or not all(np.all(np.isfinite(r.u)) for r in recordings):
+        return False
+    for r in recordings:
+        size = float(r.y.max())
+        if r.y.min() < -BELOW * size or r.y.min() > NEAR * size:
+            return False
+        near = r.y < NEAR * size
+        if np.count_nonzero(np.diff(near.astype(int)) == 1) < TOUCHES:
+            return False
+    return any(r.u.min() < 0.0 < r.u.max() for r in recordings)
+
+
+def unfolded(
+    plant: Plant, recordings: Sequence[Recording], judging: Sequence[Recording]
+) -> Plant | None:
+    """`plant` with the linear part, of the same order, whose magnitude fits `recordings` best among
+    all converged starts; judged on `judging` as well."""
+    order = len(plant.system.poles)
+    step = plant.sample_time
+    fitted = [(r.u[:MOST], r.y[:MOST]) for r in recordings]
+    held = [(r.u[:MOST], r.y[:MOST]) for r in judging]
+
+    def error(theta: Array, signals: Sequence[tuple[Array, Array]]) -> Array:
+        b, a = _polynomials(theta, order, step)
+        with np.errstate(all="ignore"):
+            parts = [np.abs(scipy.signal.lfilter(b, a, u)) - y for u, y in signals]
+        return np.nan_to_num(np.concatenate(parts), nan=1e6, posinf=1e6, neginf=-1e6)
+
+    best: tuple[float, Array] | None = None
+    for start in _starts(order, step, max(len(u) for u, _ in fitted), fitted):
+        found = scipy.optimize.least_squares(
+            error, start, method="lm", max_nfev=ROUNDS, args=(fitted,)
+        ).x
+        cost = float(np.mean(error(found, fitted) ** 2) + np.mean(error(found, held) ** 2))
+        if best is None or cost < best[0]:
+            best = cost, found
+    if best is None:
+        return None
+    b, a = _polynomials(best[1], order, step)
+    numerator = np.trim_zeros(b, "f")
+    system = Zpk(np.roots(numerator), _poles(best[1], order, step), float(numerator[0]), step)
+    if np.abs(system.poles).max() >= 1.0:
+        return None
+    kept = tuple(e for e in plant.effects if e.name != "constant_load")
+    return replace(plant, system=system, effects=kept)
+
+
+def _poles(theta: Array, order: int, step: float) -> np.ndarray:
+    """theta: logarithms of (frequency in rad/s, damping) per pair, of a time constant if odd."""
+    poles: list[complex] = []
+    for k in range(order // 2):
+        w, zeta = np.exp(np.clip(theta[2 * k : 2 * k + 2], -20.0, 20.0))
+        poles += list(np.exp(np.roots([1.0, 2.0 * zeta * w * step, (w * step) ** 2])))
+    if order % 2:
+        poles.append(np.exp(-step / np.exp(np.clip(theta[order - 1], -20.0, 20.0))))
+    return np.array(poles, complex)
+
+
+def _polynomials(theta: Array, order: int, step: float) -> tuple[Array, Array]:
+    """Numerator (strictly proper, free) and denominator; the order is the search's, low."""
+    return np.append(0.0, theta[order:]), np.real(np.poly(_poles(theta, order, step)))
+
+
+def _starts(order: int, step: float, samples: int, signals: Sequence[tuple[Array, Array]]):  # type: ignore[no-untyped-def]
+    """Resonances all over the band, lags of three lengths; the gain from the sizes of u and y."""
+    gain = float(np.mean([np.sqrt(np.mean(y**2) / max(np.mean(u**2), 1e-300)) for u, y in signals]))
+    top, low = 0.3 * np.pi / step, 2.0 * np.pi * 2.0 / (samples * step)
+    lags = np.geomspace(4 * step, samples * step / 10, 3) if order % 2 else [0.0]
+    bands = np.geomspace(low, top, RESONANCES) if order > 1 else [1.0]
+    for w in bands:
+        for lag in lags:
+            theta = []
+            for k in range(order // 2):
+                theta += [np.log(w * 3.0**k), np.log(0.15)]
+            if order % 2:
+                theta.append(np.log(lag))
+            whole = np.array([*theta, *np.zeros(order)])
+            _, a = _polynomials(whole, order, step)
+            whole[order:] = gain * a.sum() / order
+            yield whole
