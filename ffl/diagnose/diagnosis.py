@@ -13,7 +13,7 @@ from ffl.diagnose import sound, where
 from ffl.diagnose.corrections import corrections
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import FreeForm, free_form
-from ffl.diagnose.judging import Judged, judge
+from ffl.diagnose.judging import Judged, effective, judge, raw_error, raw_residuals
 from ffl.diagnose.line import across_the_line, slight
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
@@ -24,8 +24,10 @@ from ffl.diagnose.result import Diagnosis, Finding, Number
 from ffl.diagnose.search import Outcome, Step, contest
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.trials import prepare, stretches
+from ffl.diagnose.unfold import RECTIFIED, from_rest, looks_folded, unfolded
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
+from ffl.machines.simulator import Simulation
 from ffl.recordings import Recording, shared_clock
 from ffl.systems.plant import Plant
 from ffl.systems.plant_file import plant_from_dict, plant_to_dict
@@ -33,6 +35,7 @@ from ffl.systems.plant_file import plant_from_dict, plant_to_dict
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
+FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
@@ -91,7 +94,20 @@ def diagnose(
         return _unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
-    outcome = contest(scene, held, nominal, THRESHOLD, progress=say)
+    told = nominal
+    if looks_folded(model, recordings) and (other := unfolded(model, short, short_held)):
+        say("the output turns back at zero: the linear part is learned through a sign-blind sensor")
+        folded, folded_held = _folded_scenes(other, scene, short, short_held)
+        anew = Model(Base.of(other, base.travel), effects=(RECTIFIED,))
+        if raw_error(folded_held, anew) < FOLD * raw_error(held, nominal):
+            white = folded.whiten(raw_residuals(folded, anew))
+            # What the right model leaves is less coloured than this: half-way, in logarithms.
+            scene = replace(folded, worth=np.sqrt(effective(white) / len(white)))
+            held, told = folded_held, anew
+            notes.append(
+                "linear part identified anew, from |y|: the model's own was fitted to folds"
+            )
+    outcome = contest(scene, held, told, THRESHOLD, progress=say)
     standing, held = outcome.standing, outcome.held or held
     if len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
@@ -103,7 +119,26 @@ def diagnose(
         held = with_starts(replace(held, noise=scene.noise), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
     standing = across_the_line(standing.scene, held, standing)
-    return _conclude(stated, nominal, scene, held, standing, outcome, health, notes, rng)
+    own = held.trials
+    if told is not nominal:  # the states of the model's own linear part are others
+        own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
+    before = [nominal.simulate(trial) for trial in own]
+    if told is not nominal:
+        nominal = told.without(0)
+    return _conclude(stated, nominal, before, held, standing, outcome, health, notes, rng)
+
+
+def _folded_scenes(
+    plant: Plant, scene: Scene, recordings: Sequence[Recording], validation: Sequence[Recording]
+) -> tuple[Scene, Scene]:
+    simulator = Base.of(plant).simulator
+    made = [
+        tuple(from_rest(prepare(simulator, r, scene.noise.sensor)) for r in listed)
+        for listed in (recordings, validation)
+    ]
+    blind = Noise(scene.noise.sensor, 1e-6 * scene.noise.force)
+    folded = replace(scene, loop=plant.loop, trials=made[0], noise=blind, folded=True)
+    return folded, replace(folded, trials=made[1])
 
 
 def _require_command(recordings: Sequence[Recording]) -> None:
@@ -155,7 +190,7 @@ def _blocks(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Reco
 def _conclude(
     model: Plant,
     nominal: Model,
-    scene: Scene,
+    before: Sequence[Simulation],
     held: Scene,
     standing: Judged,
     outcome: Outcome,
@@ -169,7 +204,7 @@ def _conclude(
     augmented = replace(running, controller=None) if observed else running
     after = [run_plant(running, trial) for trial in held.trials]
     judged_held = replace(held, noise=standing.scene.noise)
-    proof = prove(judged_held, nominal, after, standing.scene, rng, observed)
+    proof = prove(judged_held, before, after, standing.scene, rng, observed)
     rivals = free_form(standing.scene, held, standing.model)
     structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
     effects = standing.model.effects

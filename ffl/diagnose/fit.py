@@ -31,6 +31,8 @@ class Scene:
     noise: Noise
     floor: float = 0.0
     free_clocks: bool = False  # the recordings' clocks overlap: their offsets are unknown
+    worth: float = 1.0  # of a sample, in log-likelihood: less where what is left stays coloured
+    folded: bool = False  # y is a magnitude: force noise changes sign with it, no filter whitens it
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:
@@ -79,13 +81,18 @@ class Scene:
     ) -> Scene:
         """The scene with the noise that these residuals would be, were they all noise (`quantile`:
         a lower envelope, see `noise.spectrum`)."""
+        if self.folded:
+            size = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+            return replace(
+                self, noise=Noise(max(size, self.floor, 1e-300), 1e-6 * self.noise.force)
+            )
         noise = fit_noise(
             self.loop, residuals, self.noise, floor=self.floor, coloured=coloured, quantile=quantile
         )
         return replace(self, noise=noise)
 
     def log_likelihood(self, white: Array) -> float:
-        return float(-0.5 * (white @ white) - self.log_scale)
+        return self.worth * float(-0.5 * (white @ white) - self.log_scale)
 
 
 @dataclass(frozen=True)

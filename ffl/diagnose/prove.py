@@ -9,7 +9,6 @@ import numpy as np
 from numpy.random import Generator
 
 from ffl.diagnose.fit import Scene
-from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.trials import Trial
 from ffl.machines.simulator import Simulation, Simulator
@@ -67,18 +66,16 @@ def run_plant(plant: Plant, trial: Trial) -> Simulation:
 
 def prove(
     held: Scene,
-    before: Model,
+    before: Sequence[Simulation],
     after: Sequence[Simulation],
     judged: Scene,
     rng: Generator,
     observed: bool = False,
 ) -> Proof:
-    """`after`: runs of the augmented plant as its file gives them, one per held-out recording. `observed`:
-    the controller is an observer's, so u is none of its business."""
+    """`before`: runs of the plant as stated, `after`: runs of the augmented plant as its file gives them,
+    one per held-out recording. `observed`: the controller is an observer's, so u is none of its
+    business."""
     trials = held.trials
-    first = []
-    for trial in trials:
-        first.append(before.simulate(trial))
     y = [t.y for t in trials]
     u = [t.u for t in trials]
     paths = _paths(held)
@@ -90,19 +87,19 @@ def prove(
     u_floor = None
     u_before = u_after = None
     if controlled and all(np.all(np.isfinite(a)) for a in u):
-        u_before = nrmse(u, [s.u for s in first])
+        u_before = nrmse(u, [s.u for s in before])
         u_after = nrmse(u, [s.u for s in after])
         c = np.abs(held.loop.controller.output.response(paths.frequencies)) ** 2
         u_scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in u) / samples))
         u_floor = float(np.sqrt(np.mean(c * density))) / u_scale if u_scale > 0 else None
     overlays = tuple(
         Overlay(t.name, t.t, t.y, t.u, a.y, a.u, b.y, b.u)
-        for t, a, b in zip(trials, first, after, strict=True)
+        for t, a, b in zip(trials, before, after, strict=True)
     )
-    errors = [(t.y - a.y, t.y - b.y) for t, a, b in zip(trials, first, after, strict=True)]
+    errors = [(t.y - a.y, t.y - b.y) for t, a, b in zip(trials, before, after, strict=True)]
     return Proof(
         tuple(t.name for t in trials),
-        nrmse(y, [s.y for s in first]),
+        nrmse(y, [s.y for s in before]),
         nrmse(y, [s.y for s in after]),
         float(np.sqrt(variance)) / scale if scale > 0 else 0.0,
         u_before,

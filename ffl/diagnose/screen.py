@@ -101,6 +101,17 @@ def places_of(model: Model) -> list[Place]:
     return kept
 
 
+ABSOLUTE = frozenset(  # effects that need the position itself, not only changes of it
+    {
+        "cogging",
+        "linear_stiffness",
+        "hardening_spring",
+        "position_dependent_friction",
+        "position_dependent_gain",
+    }
+)
+
+
 class Screen:
     """First-order contributions of effects to y, whitened, beyond what `fit` explains."""
 
@@ -231,6 +242,8 @@ class Screen:
             return [Place(effect.port)]
         if effect.needs_mass and not self.model.simulator.mechanics.modes:
             return []  # one lag moves no mass
+        if self.model.simulator.mechanics.place is not None and effect.name in ABSOLUTE:
+            return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)
         kept = [p for p in out if p.side in effect.sides]
         return kept or [Place("force", effect.default_side)]

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.optimize
 import scipy.signal
 
+from ffl.diagnose.trials import Trial
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -68,13 +69,21 @@ def unfolded(
             best = cost, found
     if best is None:
         return None
-    b, a = _polynomials(best[1], order, step)
-    numerator = np.trim_zeros(b, "f")
+    padded, _ = _polynomials(best[1], order, step)
+    numerator = np.trim_zeros(padded, "f")
     system = Zpk(np.roots(numerator), _poles(best[1], order, step), float(numerator[0]), step)
     if np.abs(system.poles).max() >= 1.0:
         return None
     kept = tuple(e for e in plant.effects if e.name != "constant_load")
     return replace(plant, system=system, effects=kept)
+
+
+def from_rest(trial: Trial) -> Trial:
+    """The trial from rest where its output begins near zero: a folded output tells no state."""
+    if abs(trial.y[0]) > NEAR * np.abs(trial.y).max():
+        return trial
+    nothing = np.zeros_like
+    return replace(trial, start=nothing(trial.start), doubt=nothing(trial.doubt))
 
 
 def _poles(theta: Array, order: int, step: float) -> np.ndarray:

@@ -106,14 +106,23 @@ def _rounding(t: Array, interval: float) -> float:
         if step <= 0.1 * interval and np.abs(t - np.round(t, digits)).max() <= floor:
             candidates.append(step)
             break
-    size = np.floor(np.log10(np.maximum(np.abs(t), np.finfo(float).tiny)))
-    for digits in range(4, 13):  # significant digits, as %.7g writes them: fewer decimals later on
-        step = 10.0 ** (float(size.max()) - digits + 1)
-        unit = 10.0 ** (size - digits + 1)
-        if step <= 0.1 * interval and np.all(np.abs(t - np.round(t / unit) * unit) <= floor):
-            candidates.append(step)
-            break
+    candidates.append(_by_digits(t, floor))
     return max(c for c in candidates if c <= 0.1 * interval or c == floor)
+
+
+def _by_digits(t: Array, floor: float) -> float:
+    """Step of the last stamps where all hold so many significant digits of an even grid, as %.7g
+    writes them: fewer decimals later on than at first. `floor` where they do not."""
+    share = np.arange(len(t)) / (len(t) - 1)
+    grid = t[0] + share * (t[-1] - t[0])
+    size = np.floor(np.log10(np.maximum(np.abs(t), np.finfo(float).tiny)))
+    for digits in range(4, 13):
+        unit = 10.0 ** (size - digits + 1)
+        step = float(unit.max())
+        rounded = np.all(np.abs(t - np.round(t / unit) * unit) <= floor)
+        if rounded and np.all(np.abs(t - grid) <= 0.51 * (unit + share * step) + floor):
+            return step
+    return floor
 
 
 def _plain(value: float, uncertainty: float) -> float:

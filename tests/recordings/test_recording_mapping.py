@@ -144,7 +144,7 @@ SHIPPED = [
     ("emps_pulses", "emps/DATA_EMPS_PULSES.mat", [24841], 1e-3, ("N", "m"), set()),
     ("silverbox", "silverbox/SNLS80mV.mat", [86800, 40400], 2**14 * 1e-7, ("V", "V"), {"clock"}),
     ("silverbox_schroeder", "silverbox/Schroeder80mV.mat", [131072], 2**14 * 1e-7, ("V", "V"), {"clock"}),
-    ("ced_uniform", "ced/DATAUNIF.csv", [500, 500], 0.02, ("V", "ticks/s"), {"clock"}),
+    ("ced_uniform", "ced/DATAUNIF.csv", [500, 500, 300, 300, 200, 200], 0.02, ("V", "ticks/s"), {"clock"}),
     ("ced_prbs", "ced/DATAPRBS.csv", [500, 500, 500], 0.02, ("V", "ticks/s"), {"clock"}),
     ("cascaded_tanks", "cascaded_tanks/dataBenchmark.csv", [1024, 1024], 4.0, ("V", "V"), {"clock"}),
     *[(f"kuka_axis{k}", KUKA, [2501] * (1 + (k < 4)), 0.004, ("N m", "rad"), {"f"}) for k in range(1, 7)],
