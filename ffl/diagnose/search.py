@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.friction_table import refined
 from ffl.diagnose.judging import (
     PER_NUMBER,
     QUIET,
@@ -34,7 +35,6 @@ from ffl.systems.plant import EffectSpec
 
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
-MOST_KNOTS = 33
 WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of what it was
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
@@ -253,31 +253,6 @@ def _excluded(model: Model) -> set[str]:
     """Effects that cannot be added: those there, and other forms of the dry friction there."""
     names = {spec.name for spec in model.acting}
     return names | (DRY if names & DRY else set())
-
-
-def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
-    """`judged` with twice the knots in its friction table, as long as that pays."""
-    name = "position_dependent_friction"
-    current = judged
-    while name in current.model.names:
-        index = current.model.names.index(name)
-        spec = current.model.effects[index]
-        table = spec.parameters["table"]
-        grid = np.linspace(table["grid"][0], table["grid"][-1], 2 * len(table["grid"]) - 1)
-        if len(grid) > MOST_KNOTS:
-            break
-        finer = {"grid": grid.tolist()}
-        for key in ("positive", "negative"):
-            finer[key] = np.interp(grid, table["grid"], table[key]).tolist()
-        level = float(np.mean([finer["positive"], finer["negative"]]))
-        effects = list(current.model.effects)
-        effects[index] = replace(spec, parameters={"table": finer, "level": level})
-        other = judge(quiet, held, replace(current.model, effects=tuple(effects)), 4, current.fit)
-        say(f"  {len(grid)} knots: {other.score - current.score:+.1f}")
-        if other.score < current.score + SUBSTITUTE:
-            break
-        current = other
-    return current
 
 
 def settle(

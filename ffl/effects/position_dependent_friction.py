@@ -8,17 +8,22 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
-from ffl.effects.law import COMMIT, V1, X0, X1
+from ffl.effects.bristle import set_bristle
+from ffl.effects.law import COMMIT, FIRST, GV, V0, V1, X0, X1
 from ffl.effects.solve import middle_motion, set_friction
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
+
+
+LEAST = 1e-12  # output units: travel before a level of zero slides
 
 
 @njit(error_model="numpy")
 def _levels(p, x):  # type: ignore[no-untyped-def]
     """Levels in + and - direction at x: straight between knots, constant beyond the ends.
 
-    p: number of knots n, then n grid values, n positive levels, n negative levels.
+    p: number of knots n, then n grid values, n positive levels, n negative levels,
+    and stiffness, static_ratio, stribeck_velocity.
     """
     n = int(p[0])
     if x <= p[1]:
@@ -38,8 +43,26 @@ def _levels(p, x):  # type: ignore[no-untyped-def]
     return plus, minus
 
 
+@njit(error_model="numpy")
+def _share(ratio, velocity, speed):  # type: ignore[no-untyped-def]
+    """Of the table's level, at a speed: `ratio` at standstill, 1 well above `velocity`."""
+    x = speed / velocity if velocity > 0.0 else 7.0
+    return 1.0 + (ratio - 1.0) * np.exp(-x * x) if x < 7.0 else 1.0
+
+
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """s: at rest at the start, at rest at the end of the step being solved."""
+    """s: rigid, at rest at the start and at the end of the step being solved; elastic, `set_bristle`'s
+    three and the share of the level at the speed of this step."""
+    last = 3 * int(p[0])
+    stiffness = p[last + 1]
+    if stiffness > 0.0:
+        if io[FIRST] != 0.0:
+            end = io[V1] - io[GV] * stiffness * s[0]
+            s[3] = _share(p[last + 2], p[last + 3], 0.5 * abs(io[V0] + end))
+        plus, minus = _levels(p, io[X0])
+        least = LEAST * stiffness
+        set_bristle(io, s, max(s[3] * plus, least), max(s[3] * minus, least), stiffness, 0.0)
+        return
     if io[COMMIT] != 0.0:
         s[0] = s[1]
         return
@@ -57,10 +80,19 @@ class PositionDependentFriction(Effect):
 
     `table` = {grid, positive, negative}: rising positions and the levels there while moving in
     positive and negative direction. `level` is the mean of the table (computed where absent).
+    With a `stiffness` the contact gives way before it slides (LuGre): F = -stiffness z,
+    dz/dt = v - |v| z stiffness/(level share(v)), share(v) = 1 + (static_ratio - 1)
+    exp(-(v/stribeck_velocity)^2); `static_ratio` below 1 is friction that eases near standstill.
     """
 
     name = "position_dependent_friction"
-    parameters = (Parameter("table", "F"), Parameter("level", "F", default=-1.0))
+    parameters = (
+        Parameter("table", "F"),
+        Parameter("level", "F", default=-1.0),
+        Parameter("stiffness", "F/x", linear=False, default=0.0),
+        Parameter("static_ratio", "", linear=False, default=1.0),
+        Parameter("stribeck_velocity", "x/s", linear=False, default=0.0),
+    )
     depends_on = ("position", "direction")
     siblings = ("coulomb_friction", "asymmetric_friction", "cogging")
     law = staticmethod(_law)
@@ -102,14 +134,28 @@ class PositionDependentFriction(Effect):
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         table, scale = values["table"], 1.0 / setting.force_per_input
         levels = [scale * v for key in ("positive", "negative") for v in table[key]]
-        return [float(len(table["grid"])), *table["grid"], *levels]
+        return [float(len(table["grid"])), *table["grid"], *levels, *self._contact(values, scale)]
+
+    @staticmethod
+    def _contact(values: Parameters, scale: float) -> list[float]:
+        return [scale * values["stiffness"], values["static_ratio"], values["stribeck_velocity"]]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0, 0.0]
+        return [0.0, 0.0, 0.0, 1.0]
+
+    def stiffness(self, packed):  # type: ignore[no-untyped-def]
+        return packed[-3]
+
+    def weakening(self, packed):  # type: ignore[no-untyped-def]
+        stiffness, ratio, velocity = packed[-3:]
+        if not (stiffness > 0 and velocity > 0 and ratio > 1):
+            return 0.0
+        knots = int(packed[0])
+        return np.sqrt(2.0 / np.e) * (ratio - 1.0) * max(packed[1 + knots : -3]) / velocity
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         low, high = float(motion.x.min()), float(motion.x.max())
-        return [{"knots": float(n), "low": low, "high": high} for n in (5, 9, 17, 33)]
+        return [{"knots": float(n), "low": low, "high": high} for n in (5, 9)]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """Hat functions of position for either direction; `knots` spread from `low` to `high`."""
@@ -140,10 +186,19 @@ class PositionDependentFriction(Effect):
         table = values["table"]
         levels = np.array([table["positive"], table["negative"]])
         unit = self.parameter("level").unit_in(plant)
-        return (
+        up, down = levels.mean(axis=1)
+        told = (
             f"Dry friction varies with position between {levels.min():.4g} and {levels.max():.4g} "
-            f"{unit} (mean {values['level']:.4g} {unit})."
+            f"{unit} (mean {values['level']:.4g} {unit}: {up:.4g} moving up, {down:.4g} down)"
         )
+        if (stiffness := values.get("stiffness", 0.0)) > 0:
+            told += f", gives way over about {values['level'] / stiffness:.3g} {plant.output_unit}"
+        if values.get("stribeck_velocity", 0.0) > 0:
+            told += (
+                f", and is {values['static_ratio']:.3g} of that near standstill, below about "
+                f"{self.quantity(values, 'stribeck_velocity', plant)}"
+            )
+        return told + "."
 
 
 _NUMBER = Parameter("table", "F", lower=-np.inf)

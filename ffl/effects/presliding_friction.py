@@ -3,57 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
-from ffl.effects.law import COMMIT, FIRST, V0, X0, X1
+from ffl.effects.bristle import set_bristle
 from ffl.effects.paths import bouc_wen
-from ffl.effects.solve import end_motion, set_line
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 
-@njit(error_model="numpy")
-def _bristle(p, z0, move):  # type: ignore[no-untyped-def]
-    """z after the displacement `move`, exact for a velocity that keeps its sign, and dz/dmove."""
-    limit = p[0] / p[1]
-    side = 1.0 if move >= 0.0 else -1.0
-    decay = np.exp(-abs(move) / limit)
-    return side * limit + (z0 - side * limit) * decay, (1.0 - side * z0 / limit) * decay
-
-
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: level, stiffness, micro_damping; s: z, force at the start, force at the end (iterate).
-
-    The end force is the root of a monotone function of one unknown (Newton within a bracket).
-    """
-    if io[COMMIT] != 0.0:
-        s[0], _ = _bristle(p, s[0], io[X1] - io[X0])
-        return
-    z0, v0 = s[0], io[V0]
-    if io[FIRST] != 0.0:
-        s[1] = -(p[1] * z0 + p[2] * (v0 - abs(v0) * z0 * p[1] / p[0]))
-    xa, gx, va, gv = end_motion(io, s[1], 0.0)
-    most = 2.0 * (p[0] + p[2] * (abs(va) + abs(v0)) + abs(s[1]))
-    low, high, force = -most, most, min(max(s[2], -most), most)
-    for _ in range(60):
-        move, v1 = xa + gx * force - io[X0], va + gv * force
-        z1, slope = _bristle(p, z0, move)
-        share = 1.0 - (1.0 if v1 >= 0.0 else -1.0) * z1 * p[1] / p[0]
-        wanted = -(p[1] * z1 + p[2] * v1 * share)
-        rate = -(p[1] - p[2] * abs(v1) * p[1] / p[0]) * slope * gx - p[2] * share * gv
-        error = force - wanted
-        if error > 0.0:
-            high = force
-        else:
-            low = force
-        following = force - error / (1.0 - min(rate, 0.0))
-        if abs(following - force) <= 1e-12 * p[0]:
-            force = following
-            break
-        force = following if low < following < high else 0.5 * (low + high)
-    s[2] = force
-    set_line(io, s[1], force)
+    """p: level, stiffness, micro_damping; s: z, force at the start, force at the end (iterate)."""
+    set_bristle(io, s, p[0], p[0], p[1], p[2])
 
 
 class PreslidingFriction(Effect):

@@ -139,3 +139,32 @@ def test_asymmetric_friction_is_coulomb_beside_a_load():
     ]
     y = [CLOSED.run(specs, reference()).y for specs in (one, two)]
     assert np.abs(y[0] - y[1])[60:].max() < 1e-12
+
+
+def table(**contact):
+    flat = {"grid": [-1.0, 1.0], "positive": [5.0, 5.0], "negative": [5.0, 5.0]}
+    return EffectSpec("position_dependent_friction", {"table": flat, **contact})
+
+
+def test_a_flat_table_that_yields_is_presliding_friction():
+    r = reference()
+    lugre = EffectSpec(
+        "presliding_friction", {"level": 5.0, "stiffness": 2e5, "micro_damping": 0.0}
+    )
+    a, b = CLOSED.run([lugre], r), CLOSED.run([table(stiffness=2e5)], r)
+    assert np.allclose(a.y, b.y, rtol=1e-12, atol=1e-15)
+
+
+def test_a_table_may_ease_near_standstill():
+    """At a crawl friction is static_ratio times the table, at speed the table."""
+    eases = table(stiffness=2e5, static_ratio=0.6, stribeck_velocity=0.05)
+    for speed, level in ((2e-3, 3.0), (0.5, 5.0)):
+        run = CLOSED.run([eases], speed * 1e-3 * np.arange(10000))
+        assert run.contribution[-1, 0] == pytest.approx(-level, rel=2e-3)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+def test_a_yielding_table_takes_energy(ratio):
+    eases = table(stiffness=2e5, static_ratio=ratio, stribeck_velocity=0.02)
+    run = CLOSED.run([eases], reference())
+    assert run.contribution[:-1, 0] @ np.diff(run.x) < 0
