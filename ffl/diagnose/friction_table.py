@@ -20,17 +20,19 @@ from ffl.diagnose.model import Model
 
 NAME = "position_dependent_friction"
 MOST_KNOTS = 33
-SHARE = 0.004  # of the number of samples: log-likelihood that another form of the contact must bring
+SHARE = (
+    0.004  # of the number of samples: log-likelihood that another form of the contact must bring
+)
 GIVES = np.geomspace(1e-6, 1e-2, 9)  # of the stroke: travel before the contact slides
 RATIOS = (0.6, 1.5)  # of the level at standstill to that in motion
 SPEEDS = (0.03, 0.1, 0.3)  # of the largest speed: where friction reaches its level in motion
-OBJECTION = 0.002  # of the number of samples: score that tells the table's damping from the simple one
+OBJECTION = (
+    0.002  # of the number of samples: score that tells the table's damping from the simple one
+)
 SIMPLE = "damping"  # the correction that a table can take over
 
 
-def refined(
-    quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]
-) -> Judged:
+def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
     """`judged` with a contact that yields, a level that changes near standstill and twice the knots
     in its table, each as long as that pays, and with the simple terms put first."""
 
@@ -51,9 +53,13 @@ def refined(
         say(f"  {label} contact: {_gain(form, current)}")
         if _pays(form, current):  # the second may pay where the first alone does not
             current = form
+    last = np.inf
     while (finer := _finer(current.model)) is not None:
+        if last < PER_NUMBER * (len(finer.theta) - len(current.model.theta)):
+            break  # the next doubling brings less than this one did
         other = tried(finer)
         say(f"  {len(_table(finer)['grid'])} knots: {_gain(other, current)}")
+        last = other.fitted - current.fitted
         if not _pays(other, current, 0.0):
             break
         current = other
@@ -110,9 +116,7 @@ def _easing(model: Model, top: float) -> Iterator[Model]:
         return
     for share in SPEEDS:
         for ratio in RATIOS:
-            yield _with(
-                model, {**values, "static_ratio": ratio, "stribeck_velocity": share * top}
-            )
+            yield _with(model, {**values, "static_ratio": ratio, "stribeck_velocity": share * top})
 
 
 def _finer(model: Model) -> Model | None:

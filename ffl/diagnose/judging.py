@@ -15,6 +15,7 @@ from ffl.systems.state_space import Array
 PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: half of log N)
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 PASSES = 4  # most changes of noise while one hypothesis is fitted
+BOTH = 0.1  # of what held-out recordings gain, clearly, that the fitted ones may lose
 SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
@@ -147,4 +148,6 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
         share = SHARE * len(base.fit.white)
         if fitted < share or (len(base.held_white) and held < SHARE * len(base.held_white)):
             return False
-    return rival.score - base.score > threshold and fitted > LEAST and held > -LEAST / 2
+    # Fitted under the least noise and scored under its own, a rival may seem to lose a little there.
+    least = LEAST if held < LEAST / BOTH else -BOTH * held
+    return rival.score - base.score > threshold and fitted > least and held > -LEAST / 2

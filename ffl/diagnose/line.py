@@ -11,13 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-<<<<<<< HEAD
-from ffl.diagnose.fit import Scene
-from ffl.diagnose.judging import Judged, earns, judge
-=======
 from ffl.diagnose.fit import Scene, fit
-from ffl.diagnose.judging import Judged, judge
->>>>>>> 1878057 (Diagnosis: a friction table comes after what simpler terms say, and its contact may yield and ease near standstill)
+from ffl.diagnose.judging import Judged, earns, judge
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
@@ -74,15 +69,11 @@ def _effect_values(model: Model, name: str) -> dict[str, float]:
 
 
 def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
-<<<<<<< HEAD
-    """`judged` with every correction beyond the line turned into its effect."""
-    current = _spring_with_centre(scene, held, judged)
-=======
     """`judged` with every correction beyond the line turned into its effect; one that was held keeps
     its value, and is free from here on only to say how sure it is."""
-    settled = judged.model.held
-    current = _as_it_stands(judged, replace(judged.model, held=frozenset())) if settled else judged
->>>>>>> 1878057 (Diagnosis: a friction table comes after what simpler terms say, and its contact may yield and ease near standstill)
+    current, settled = _spring_with_centre(scene, held, judged), judged.model.held
+    if settled:
+        current = _as_it_stands(current, replace(current.model, held=current.model.held - settled))
     for name, effect in NAMES.items():
         size = sizes(scene, current.model).get(name, 0.0)
         if abs(size) <= LINE or effect in {spec.name for spec in current.model.acting}:
@@ -92,7 +83,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         spread = _spread(current, name)
         if abs(current.model.corrections[name]) < 3.0 * spread:
             continue
-        if current.model.effects:
+        if current.model.effects and name not in settled:
             within = _within(held, current, name, LINE / abs(size))
             current = judge(current.scene, held, current.model, 4, current.fit)  # by the same noise
             if not earns(current, within, 0.0):
@@ -118,7 +109,6 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
     return current
 
 
-<<<<<<< HEAD
 def _within(held: Scene | None, judged: Judged, name: str, share: float) -> Judged:
     """`judged` with the correction `name` held at `share` of what it was: on the line. Beside an
     effect that is a little wrong itself, a correction beyond it must earn its place like an effect."""
@@ -146,11 +136,11 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     tried = judge(judged.scene, held, spring.with_effect(spec), 8)
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     return tried if tried.score > judged.score - TIE else judged
-=======
+
+
 def _as_it_stands(judged: Judged, model: Model) -> Judged:
     """`judged` with the same physics put in another way: nothing moves."""
     return replace(judged, fit=fit(judged.scene, model, rounds=0))
->>>>>>> 1878057 (Diagnosis: a friction table comes after what simpler terms say, and its contact may yield and ease near standstill)
 
 
 def _spread(judged: Judged, name: str) -> float:

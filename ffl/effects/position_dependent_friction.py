@@ -14,7 +14,6 @@ from ffl.effects.solve import middle_motion, set_friction
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
-
 LEAST = 1e-12  # output units: travel before a level of zero slides
 
 
