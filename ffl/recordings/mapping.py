@@ -42,12 +42,14 @@ class Term(Strict):
 
 
 class Column(Term):
-    """A term with a unit; or a constant; or a sum of terms."""
+    """A term with a unit; or a constant; or a sum of terms. `optional`: as if it were not mapped where
+    the file lacks what it names."""
 
     name: str = ""
     constant: Number | None = None
     sum: tuple[Annotated[Term, BeforeValidator(_named)], ...] = ()
     unit: str | None = None
+    optional: bool = False
 
     @validated(mode="after")
     def _one_source(self) -> Column:
@@ -57,6 +59,8 @@ class Column(Term):
         changed = self.index is not None or self.scale != 1.0 or self.offset != 0.0 or self.times
         if not self.name and changed:
             raise ValueError("index, scale, offset and times go with name")
+        if self.optional and self.constant is not None:
+            raise ValueError("a constant is always there; leave optional out")
         return self
 
     @property

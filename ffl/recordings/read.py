@@ -151,6 +151,10 @@ def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
         if others:
             notes = (f"columns not used: {', '.join(others[:10])}",)
         mapped = Columns(**own)
+    absent = [c for c in Columns.model_fields if _absent(table, getattr(mapped, c))]
+    if absent:
+        mapped = mapped.model_copy(update=dict.fromkeys(absent))
+        notes = (*notes, f"optional columns not in this file: {', '.join(absent)}")
     if mapped.y is None:
         there = ", ".join(table.names[:12])
         raise InputError(
@@ -160,6 +164,13 @@ def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
     if mapped.y.constant is not None:
         raise InputError(f"{table.source}: column y cannot be a constant; map what was measured")
     return mapped, notes
+
+
+def _absent(table: Table, column: Column | None) -> bool:
+    """An optional column that names something the file does not have."""
+    if column is None or not column.optional:
+        return False
+    return not all(table.find(name) for term in column.terms for name in _names(term))
 
 
 def _names(term: Term) -> list[str]:

@@ -37,7 +37,7 @@ def test_emps_friction_concealed():  # type: ignore[no-untyped-def]
     plant = load_plant("emps")
     fit, judge = (
         read_recording(_file(name), mapping, sample_time=plant.sample_time)
-        for name, mapping in (("DATA_EMPS.mat", "emps"), ("DATA_EMPS_PULSES.mat", "emps_pulses"))
+        for name, mapping in (("DATA_EMPS.mat", "emps"), ("DATA_EMPS_PULSES.mat", "emps"))
     )
     found = diagnose(plant, [fit], [judge])
     effects = {f.name: f.parameters for f in found.findings}

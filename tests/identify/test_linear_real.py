@@ -52,7 +52,7 @@ def test_coupled_drives_from_both_uniform_sets():
 def test_emps_mass_in_closed_loop():
     """Documented: 95.1 kg, offset -3.165 N on the side of the friction (so a load of +3.165 N)."""
     estimation = recording("emps/DATA_EMPS.mat", "emps")
-    test = recording("emps/DATA_EMPS_PULSES.mat", "emps_pulses")
+    test = recording("emps/DATA_EMPS_PULSES.mat", "emps")
     controller = load_plant("emps").controller
     model = fit_linear(estimation, 2, controller=controller, integrators=1)
     zero, gain = model.zeros[0].value.real, model.system.gain

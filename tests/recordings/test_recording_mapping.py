@@ -133,15 +133,15 @@ def test_mapping_that_is_not_there(mat, tmp_path):
 
 def test_every_shipped_mapping_is_valid_and_says_what_it_is():
     names = sorted(p.stem for p in (shipped_plants() / "maps").glob("*.toml"))
-    assert names == sorted(name for name, *_ in SHIPPED)
+    assert names == sorted({name for name, *_ in SHIPPED})
     for name in names:
         assert load_mapping(name).about
 
 
 KUKA = "kuka_kr300/FF_A_08ms.mat"
 SHIPPED = [
-    ("emps", "emps/DATA_EMPS.mat", [24841], 1e-3, ("N", "m"), set()),
-    ("emps_pulses", "emps/DATA_EMPS_PULSES.mat", [24841], 1e-3, ("N", "m"), set()),
+    ("emps", "emps/DATA_EMPS.mat", [24841], 1e-3, ("N", "m"), {"f"}),
+    ("emps", "emps/DATA_EMPS_PULSES.mat", [24841], 1e-3, ("N", "m"), set()),
     ("silverbox", "silverbox/SNLS80mV.mat", [86800, 40400], 2**14 * 1e-7, ("V", "V"), {"clock"}),
     ("silverbox_schroeder", "silverbox/Schroeder80mV.mat", [131072], 2**14 * 1e-7, ("V", "V"), {"clock"}),
     ("ced_uniform", "ced/DATAUNIF.csv", [500, 500, 300, 300, 200, 200], 0.02, ("V", "ticks/s"), {"clock"}),
@@ -154,7 +154,7 @@ SHIPPED = [
 @pytest.mark.parametrize(
     ("name", "file", "lengths", "sample_time", "units", "missing"),
     SHIPPED,
-    ids=[name for name, *_ in SHIPPED],
+    ids=[f"{name}-{file.split('/')[-1]}" for name, file, *_ in SHIPPED],
 )
 def test_shipped_mapping_reads_its_data(real, name, file, lengths, sample_time, units, missing):
     recordings = read_recordings(real(file), name)
@@ -170,15 +170,31 @@ def test_shipped_mapping_reads_its_data(real, name, file, lengths, sample_time, 
         assert kinds == ({"clipped"} if name == "cascaded_tanks" else set())
 
 
-@pytest.mark.parametrize(("name", "left"), [("emps", 0.13), ("emps_pulses", 0.17)])
-def test_emps_command_is_feedforward_plus_the_stated_servo_law(real, name, left):
+@pytest.mark.parametrize(("file", "left"), [("DATA_EMPS", 0.13), ("DATA_EMPS_PULSES", 0.17)])
+def test_emps_command_is_feedforward_plus_the_stated_servo_law(real, file, left):
     """u = f + C_r r - C_y y to 0.13 N RMS (3.7 mV); with the pulses as 5 V it would be 2.5 N."""
-    file = "emps/DATA_EMPS.mat" if name == "emps" else "emps/DATA_EMPS_PULSES.mat"
-    x = read_recording(real(file), name, sample_time=1e-3)
+    x = read_recording(real(f"emps/{file}.mat"), "emps", sample_time=1e-3)
     servo = load_plant("emps").controller
     feedback = servo.reference.filter(x.r) - servo.output.filter(x.y)
     assert np.std((x.u - x.f - feedback)[5:]) < left
-    assert np.std((x.u - feedback)[5:]) < left or name == "emps_pulses"
+    assert (np.std((x.u - feedback)[5:]) < left) == (file == "DATA_EMPS")
+
+
+def test_optional_column(mat):
+    """As if it were not mapped where the file lacks it; a name that is there is read."""
+    text = BASE.replace("[columns.d]", 'f = { name = "log.%s", optional = true }\n[columns.d]')
+    there, absent = (read_recording(rules(mat, text % name)) for name in ("volts", "pulses"))
+    assert "f" in absent.missing
+    assert "f" not in there.missing
+    assert not absent.f.any()
+    assert any("optional" in note for note in absent.notes)
+    with pytest.raises(InputError, match="leave optional out"):
+        read_recording(
+            rules(
+                mat,
+                BASE.replace("[columns.d]", "f = { constant = 0.0, optional = true }\n[columns.d]"),
+            )
+        )
 
 
 @pytest.mark.parametrize("axis", range(1, 6))

@@ -220,7 +220,7 @@ def emps(name):
 
 @pytest.mark.parametrize(
     ("file", "map", "bound"),
-    [("DATA_EMPS.mat", "emps", 0.03), ("DATA_EMPS_PULSES.mat", "emps_pulses", 0.1)],
+    [("DATA_EMPS.mat", "emps", 0.03), ("DATA_EMPS_PULSES.mat", "emps", 0.1)],
 )
 def test_emps_teaches_its_mass_and_friction(file, map, bound):
     """Documented: 95.1 kg, 203.5 N s/m, 20.4 N; one step on the real recording."""
