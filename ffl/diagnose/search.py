@@ -29,7 +29,7 @@ from ffl.diagnose.judging import (
 )
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
-from ffl.diagnose.starts import with_starts
+from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 
@@ -39,6 +39,8 @@ WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
+GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
+PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
@@ -143,10 +145,11 @@ def contest(
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
             pliable = [c for c in fresh if c.spec.name in PLIABLE]
             entrants += shortlist([c for c in fresh if c not in pliable] if reserve else pliable)
-        for c in entrants:
-            rival = judge(quiet, held, with_best_start(quiet, c.like, c.spec), 6, c.like)
+        for first in promising(quiet, base, entrants):
+            rival = judge(quiet, held, first.model, 6, first)
+            side = rival.model.effects[-1].options.get("side", "sensor")
             say(
-                f"  {rival.name} {c.place.side}: {rival.fitted - base.fitted:+.1f} fitted, "
+                f"  {rival.name} {side}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
             )
             rivals.append(rival)
@@ -177,6 +180,20 @@ def screens(quiet: Scene, base: Judged, first: bool) -> list[Screen]:
         nominal = replace(base.model, corrections=kept)
         out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
     return out
+
+
+def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list[Fit]:
+    """A few steps of every entrant from its best start; those that take off a good part of what the
+    best of them does."""
+    before = quiet.residuals(base.model)
+    cost = 0.0 if before is None else float(np.sum(quiet.whiten(before) ** 2))
+    fits = []
+    for c in entrants:
+        start = with_best_start(quiet, c.like, c.spec)
+        known = c.like.known(("correction", "given"))
+        fits.append(fit(with_clocks(quiet, start, 1), start, rounds=GLIMPSE, known=known))
+    most = max((cost - f.cost for f in fits), default=0.0)
+    return [f for f in fits if cost - f.cost >= PROMISING * most]
 
 
 LADDERS = {  # where the cost is not convex: the parameter, and factors on what the screen proposes

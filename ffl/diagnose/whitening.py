@@ -82,6 +82,29 @@ def _innovations(a, c, gains, scales, x):  # type: ignore[no-untyped-def]
     return out
 
 
+@njit(cache=True, nogil=True)
+def _innovations_of_one(a, c, gains, scales, x):  # type: ignore[no-untyped-def]
+    """`_innovations` of one signal x (N,)."""
+    n, samples = a.shape[0], x.shape[0]
+    out = np.empty(samples)
+    state, following = np.zeros(n), np.empty(n)
+    last = len(scales) - 1
+    for t in range(samples):
+        m = min(t, last)
+        nu = x[t]
+        for i in range(n):
+            nu -= c[i] * state[i]
+        out[t] = nu / scales[m]
+        for i in range(n):
+            value = gains[m, i] * nu
+            for q in range(n):
+                value += a[i, q] * state[q]
+            following[i] = value
+        for i in range(n):
+            state[i] = following[i]
+    return out
+
+
 def _stationary(a: Array, q: Array) -> Array:
     """Sum of A^k Q A'^k by doubling: no linear system of n^2 unknowns, so scales do not matter."""
     p, power = q, a
@@ -135,7 +158,7 @@ class Whitener:
         """Whitened `columns`, (N,) or (N, k), of one recording."""
         table = np.ascontiguousarray(columns, float)
         if table.ndim == 1:
-            return _innovations(self.a, self.c, self.gains, self.scales, table[:, None])[:, 0]
+            return _innovations_of_one(self.a, self.c, self.gains, self.scales, table)
         return _innovations(self.a, self.c, self.gains, self.scales, table)
 
     def log_scale(self, n: int) -> float:

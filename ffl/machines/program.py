@@ -36,6 +36,7 @@ class Compiler:
         self._mechanics = mechanics
         self._force_per_input = plant.physics.motor_constant or 1.0
         self._prepared: dict[tuple[object, ...], Discrete] = {}
+        self._points: dict[Side, Point] = {}
 
     def compile(
         self,
@@ -53,7 +54,7 @@ class Compiler:
             if changed is not mechanics:
                 mechanics = changed
                 changes.append((spec.name, repr(values), repr(spec.options)))
-        points = Points(mechanics)
+        points = Points(mechanics, self._points if mechanics is self._mechanics else {})
         points.place(("sensor", None))
         actors: list[_Actor] = []
         for index, (effect, spec, values) in enumerate(
@@ -124,8 +125,8 @@ class Compiler:
 class Points:
     """The points that a set of effects needs; sides that are one and the same place share one."""
 
-    def __init__(self, mechanics: Mechanics) -> None:
-        self._mechanics = mechanics
+    def __init__(self, mechanics: Mechanics, known: dict[Side, Point]) -> None:
+        self._mechanics, self._known = mechanics, known
         self.found: list[Point] = []
         self.kept: list[Side] = []
         self.index: dict[Side, int] = {}
@@ -133,7 +134,7 @@ class Points:
     def place(self, side: Side) -> int:
         """Index of the point of `side`."""
         if side not in self.index:
-            point = self._mechanics.point(*side)
+            point = self._point(side)
             for k, known in enumerate(self.found):
                 if _same(point, known):
                     self.index[side] = k
@@ -144,12 +145,17 @@ class Points:
     def append(self, side: Side) -> None:
         """A point of its own for `side`, at the end."""
         self.index.setdefault(side, len(self.found))
-        self.found.append(self._mechanics.point(*side))
+        self.found.append(self._point(side))
         self.kept.append(side)
+
+    def _point(self, side: Side) -> Point:
+        if side not in self._known:
+            self._known[side] = self._mechanics.point(*side)
+        return self._known[side]
 
 
 def _same(one: Point, other: Point) -> bool:
-    return all(
+    return one is other or all(
         np.allclose(a, b, rtol=1e-9, atol=1e-9 * float(np.abs(b).max(initial=0.0)))
         for a, b in (
             (one.force, other.force),
