@@ -10,21 +10,23 @@ import scipy.stats
 from numpy.random import Generator
 
 from ffl.diagnose import sound, where
+from ffl.diagnose.clip import clipping
 from ffl.diagnose.corrections import corrections
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import FreeForm, free_form
-from ffl.diagnose.judging import Judged, effective, judge, raw_error, raw_residuals
+from ffl.diagnose.judging import Judged, judge, raw_error
 from ffl.diagnose.line import across_the_line, slight
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise
 from ffl.diagnose.observer import decay_for, led, needs_observer, with_observer
+from ffl.diagnose.plain import too_loud, weighed
 from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.prove import prove, run_plant
 from ffl.diagnose.result import Diagnosis, Finding, Number
 from ffl.diagnose.search import Outcome, Step, contest
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.trials import prepare, stretches
-from ffl.diagnose.unfold import RECTIFIED, from_rest, looks_folded, unfolded
+from ffl.diagnose.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
@@ -94,19 +96,25 @@ def diagnose(
         return _unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
-    told = nominal
+    stands = clipping(model, everything)
+    told = (
+        nominal
+        if stands is None
+        else replace(nominal, effects=(stands,), proven=frozenset({stands.name}))
+    )
     if looks_folded(model, recordings) and (other := unfolded(model, short, short_held)):
         say("the output turns back at zero: the linear part is learned through a sign-blind sensor")
-        folded, folded_held = _folded_scenes(other, scene, short, short_held)
+        folded, folded_held = folded_scenes(other, scene, short, short_held)
         anew = Model(Base.of(other, base.travel), effects=(RECTIFIED,))
         if raw_error(folded_held, anew) < FOLD * raw_error(held, nominal):
-            white = folded.whiten(raw_residuals(folded, anew))
-            # What the right model leaves is less coloured than this: half-way, in logarithms.
-            scene = replace(folded, worth=np.sqrt(effective(white) / len(white)))
-            held, told = folded_held, anew
+            scene, held, told = weighed(folded, anew), folded_held, anew
             notes.append(
                 "linear part identified anew, from |y|: the model's own was fitted to folds"
             )
+    if model.controller is None and not scene.plain and too_loud(scene, nominal):
+        plain = Noise(scene.noise.sensor, 1e-6 * scene.noise.force)
+        scene = weighed(replace(scene, noise=plain, plain=True), nominal)
+        held = replace(held, noise=plain, plain=True)
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
     standing, held = outcome.standing, outcome.held or held
     if len(short) > len(recordings) or len(short_held) > len(validation):
@@ -120,25 +128,12 @@ def diagnose(
         standing = judge(scene, held, standing.model, rounds=5)
     standing = across_the_line(standing.scene, held, standing)
     own = held.trials
-    if told is not nominal:  # the states of the model's own linear part are others
+    if told.base is not base:  # the states of the model's own linear part are others
         own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
     before = [nominal.simulate(trial) for trial in own]
-    if told is not nominal:
+    if told.base is not base:
         nominal = told.without(0)
     return _conclude(stated, nominal, before, held, standing, outcome, health, notes, rng)
-
-
-def _folded_scenes(
-    plant: Plant, scene: Scene, recordings: Sequence[Recording], validation: Sequence[Recording]
-) -> tuple[Scene, Scene]:
-    simulator = Base.of(plant).simulator
-    made = [
-        tuple(from_rest(prepare(simulator, r, scene.noise.sensor)) for r in listed)
-        for listed in (recordings, validation)
-    ]
-    blind = Noise(scene.noise.sensor, 1e-6 * scene.noise.force)
-    folded = replace(scene, loop=plant.loop, trials=made[0], noise=blind, folded=True)
-    return folded, replace(folded, trials=made[1])
 
 
 def _require_command(recordings: Sequence[Recording]) -> None:

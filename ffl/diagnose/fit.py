@@ -32,7 +32,7 @@ class Scene:
     floor: float = 0.0
     free_clocks: bool = False  # the recordings' clocks overlap: their offsets are unknown
     worth: float = 1.0  # of a sample, in log-likelihood: less where what is left stays coloured
-    folded: bool = False  # y is a magnitude: force noise changes sign with it, no filter whitens it
+    plain: bool = False  # no filter of force noise describes what is left: taken as white at y
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:
@@ -81,7 +81,7 @@ class Scene:
     ) -> Scene:
         """The scene with the noise that these residuals would be, were they all noise (`quantile`:
         a lower envelope, see `noise.spectrum`)."""
-        if self.folded:
+        if self.plain:
             size = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
             return replace(
                 self, noise=Noise(max(size, self.floor, 1e-300), 1e-6 * self.noise.force)

@@ -87,6 +87,7 @@ class Model:
     effects: tuple[EffectSpec, ...] = ()
     held: frozenset[str] = frozenset()  # corrections that stay as they are
     given: tuple[EffectSpec, ...] | None = None
+    proven: frozenset[str] = frozenset()  # effects that stand, numbers included, by direct evidence
 
     @property
     def stated(self) -> tuple[EffectSpec, ...]:
@@ -160,6 +161,8 @@ class Model:
 
     def _numbers(self, kind: str, specs: Sequence[EffectSpec]) -> Iterator[Coordinate]:
         for i, spec in enumerate(specs):
+            if kind == "effect" and spec.name in self.proven:
+                continue
             effect = EFFECTS[spec.name]
             for parameter in effect.parameters:
                 name = parameter.name
@@ -259,7 +262,7 @@ class Model:
             for k, v in specs.items()
         )
         effects = tuple(replace(e, options=o) for e, o in zip(effects, options, strict=True))
-        other = Model(self.base, corrections, effects, self.held, given)
+        other = Model(self.base, corrections, effects, self.held, given, self.proven)
         object.__setattr__(other, "coordinates", self.coordinates)
         if "substeps" in self.__dict__:
             object.__setattr__(other, "substeps", self.substeps)
@@ -275,6 +278,10 @@ class Model:
         if self.mass_ratio is not None and spec.options.get("mass_ratio") is not None:
             spec = replace(spec, options={**spec.options, "mass_ratio": self.mass_ratio})
         return replace(self, effects=(*self.effects, spec))
+
+    def with_proven(self, spec: EffectSpec) -> Model:
+        """With an effect that the recordings show directly: it stands, numbers included."""
+        return replace(self.with_effect(spec), proven=self.proven | {spec.name})
 
     def without(self, index: int) -> Model:
         kept = tuple(e for i, e in enumerate(self.effects) if i != index)

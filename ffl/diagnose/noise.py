@@ -83,7 +83,7 @@ class Paths:
         bottom = 1.0 - 2.0 * a * cosine + a * a
         value = (1.0 - a * a) / bottom
         by_a = (-2.0 * a - value * (2.0 * a - 2.0 * cosine)) / bottom
-        return value, by_a * a * np.log(a)
+        return value, -by_a * a * 2 * np.pi * corner * self.sample_time
 
 
 @dataclass(frozen=True)

@@ -285,7 +285,7 @@ def settle(
     current = judged
     contenders: dict[str, list[tuple[str, Judged]]] = {}
     for name in judged.model.names:
-        if name not in current.model.names:
+        if name not in current.model.names or name in current.model.proven:
             continue
         if current.fit.status == "rounds":
             current = judge(quiet, held, current.model, 10, current.fit)

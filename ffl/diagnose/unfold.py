@@ -14,7 +14,10 @@ import numpy as np
 import scipy.optimize
 import scipy.signal
 
-from ffl.diagnose.trials import Trial
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.model import Base
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.trials import Trial, prepare
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -76,6 +79,21 @@ def unfolded(
         return None
     kept = tuple(e for e in plant.effects if e.name != "constant_load")
     return replace(plant, system=system, effects=kept)
+
+
+def folded_scenes(
+    plant: Plant, scene: Scene, recordings: Sequence[Recording], validation: Sequence[Recording]
+) -> tuple[Scene, Scene]:
+    """Fitted and held-out recordings under the plant learned anew, from rest where that is open."""
+    simulator = Base.of(plant).simulator
+    made = [
+        tuple(from_rest(prepare(simulator, r, scene.noise.sensor)) for r in listed)
+        for listed in (recordings, validation)
+    ]
+    blind = Noise(scene.noise.sensor, 1e-6 * scene.noise.force)
+    # Force noise would change its sign with the output: no filter whitens it.
+    folded = replace(scene, loop=plant.loop, trials=made[0], noise=blind, plain=True)
+    return folded, replace(folded, trials=made[1])
 
 
 def from_rest(trial: Trial) -> Trial:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.bristle import set_bristle
+from ffl.effects.modal import is_speed
 from ffl.effects.paths import bouc_wen
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -57,7 +58,8 @@ class PreslidingFriction(Effect):
 
     def says(self, values: Parameters, plant: Plant) -> str:
         give = values["level"] / values["stiffness"]
+        place = "" if is_speed(plant.output_unit) else plant.output_unit
         return (
             f"Friction of {self.quantity(values, 'level', plant)} gives way elastically over about "
-            f"{give:.3g} {plant.output_unit} before it slides (presliding)."
+            f"{give:.3g} {place} before it slides (presliding)."
         )

@@ -1,0 +1,37 @@
+"""Where no noise of the loop describes what is left, it is taken as white at the output.
+
+Structure that a slow process integrates passes for force noise, and a fit that whitens by it follows
+every short wiggle while the free run drifts off (two tanks: noise "found" with 8 times the power of
+all that was left). Fits then minimise the error of the free run itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.judging import effective, raw_residuals
+from ffl.diagnose.model import Model
+from ffl.diagnose.noise import Paths
+
+LOUD = 4.0  # times what is left: more noise than that is none
+
+
+def weighed(scene: Scene, model: Model) -> Scene:
+    """The scene with samples worth less, as what `model` leaves is coloured; what the right model
+    leaves is less so: half-way, in logarithms."""
+    white = scene.whiten(raw_residuals(scene, model))
+    return replace(scene, worth=float(np.sqrt(effective(white) / len(white))))
+
+
+def too_loud(scene: Scene, model: Model) -> bool:
+    """The noise that the residuals' short-time spectrum asks for would leave far more than is left:
+    structure that a slow process integrates passes for force noise."""
+    residuals = raw_residuals(scene, model)
+    noise = scene.with_noise_of(residuals).noise
+    n = 4096
+    frequencies = (np.arange(n) + 0.5) / n * 0.5 / scene.loop.system.sample_time
+    asked = float(np.mean(noise.density(Paths.of(scene.loop, frequencies))))
+    return asked > LOUD * float(np.mean(np.concatenate(residuals) ** 2))
