@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,23 +11,27 @@ import scipy.stats
 from numpy.random import Generator
 
 from ffl.diagnose import sound, where
+from ffl.diagnose.advise import Experiment, plan
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.corrections import corrections
 from ffl.diagnose.fit import Scene
-from ffl.diagnose.freeform import FreeForm, free_form
 from ffl.diagnose.judging import Judged, judge, raw_error
 from ffl.diagnose.line import across_the_line, slight
 from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise, Paths, fit_noise
+from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.observer import decay_for, led, needs_observer, with_observer
+from ffl.diagnose.picture import MapPicture, picture
 from ffl.diagnose.plain import too_loud, weighed
 from ffl.diagnose.posterior import probabilities
-from ffl.diagnose.prove import prove, run_plant
+from ffl.diagnose.prove import prove, run_plant, with_map
 from ffl.diagnose.result import Diagnosis, Finding, Number
 from ffl.diagnose.search import Outcome, Step, contest
 from ffl.diagnose.starts import with_starts
+from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.trials import prepare, stretches
 from ffl.diagnose.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
+from ffl.diagnose.unnamed import Contest, compare
+from ffl.diagnose.verdict import verdict
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
@@ -40,8 +45,6 @@ LONG = 60_000  # samples in all: with more the contest looks at stretches of the
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
-LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
-FREE = 30.0  # log-likelihood on held-out recordings by which a nameless map must win
 
 
 def diagnose(
@@ -193,88 +196,75 @@ def _conclude(
     notes: list[str],
     rng: Generator,
 ) -> Diagnosis:
-    fitted = replace(standing.model.plant(), name=model.name)
+    nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.model, rng)
+    maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
+    fitted = replace((maps.model if maps else standing.model).plant(), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))
     observed = model.controller is None and fitted.controller is not None
     augmented = replace(running, controller=None) if observed else running
     after = [run_plant(running, trial) for trial in held.trials]
-    judged_held = replace(held, noise=standing.scene.noise)
-    proof = prove(judged_held, before, after, standing.scene, rng, observed)
-    rivals = free_form(standing.scene, held, standing.model)
-    structure = [f for f in rivals if f.held_out > FREE and f.fitted > FREE]
+    quiet = nameless.winner.scene if nameless.winner else standing.scene
+    proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, observed)
+    if maps:
+        proof = with_map(proof, held, maps)
     effects = standing.model.effects
-    excess = _excess(model, standing)
-    verdict, place = _verdict(standing, structure, excess)
+    said, place = verdict(model, standing, nameless)
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
-    if effects and not told:
-        verdict, place = "nothing_missing", where.Place("", "", ())
-    if proof.nrmse_after > UNLIKE:
-        verdict = "inconclusive"
+    if effects and not told and nameless.verdict == "named":
+        said, place = "nothing_missing", where.Place("", "", ())
+    unlike = proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
+    if unlike:
+        said = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
-    quiet = standing.scene
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
-    left = quiet.residuals(standing.model) or []
+    left = (maps.residuals(quiet) if maps else quiet.residuals(standing.model)) or []
     maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
-    if verdict != "nothing_missing":
+    if said != "nothing_missing":
+        motions = [nominal.simulate(trial).motion() for trial in quiet.trials]
         place = replace(
             place,
             frequency_band_hz=where.band(maps_before),
             time_s=where.stretches(maps_before),
+            linear_share=linear_share(quiet, raw) if raw else None,
+            states=states(quiet.whiten(raw), motions) if raw else (),
         )
+    experiment = None
+    if said != "nothing_missing" and not unlike and not observed:
+        with suppress(InputError):  # limits too narrow for any move or wave
+            experiment = plan(standing.scene, standing.fit, outcome, nameless)
     findings = tuple(_finding(standing, index, outcome, model) for index in told)
     return Diagnosis(
         plant=model,
         augmented=augmented,
-        verdict=verdict,
+        verdict=said,
         place=place,
-        findings=findings if verdict not in ("unnamed", "inconclusive") else (),
-        corrections=corrections(standing),
+        findings=findings if said not in ("unnamed", "inconclusive") else (),
+        corrections=() if maps else corrections(standing),
         proof=proof,
-        advice=_advice(verdict, place, findings),
+        advice=_advice(said, place, experiment),
+        experiment=experiment,
         soundness=health,
         steps=tuple(outcome.steps),
         judged=standing,
         maps_before=maps_before,
         maps_after=maps_after,
         notes=tuple(notes),
-        free_form=tuple(rivals[:5]),
-        forces=where.forces(standing.scene, standing.model) if effects else None,
+        nameless=nameless,
+        pictures=_pictures(nameless),
+        forces=where.forces(standing.scene, standing.model) if effects and not maps else None,
     )
 
 
-def _verdict(standing: Judged, structure: list[FreeForm], excess: float):  # type: ignore[no-untyped-def]
-    effects = standing.model.effects
-    depends = tuple(dict.fromkeys(d for e in effects for d in EFFECTS[e.name].depends_on))
-    chi2 = float(np.mean(standing.held_white**2)) if len(standing.held_white) else 1.0
-    if effects:
-        component = EFFECTS[effects[0].name].component
-        place = where.Place(component, where.phrase(EFFECTS[effects[0].name].depends_on), depends)
-        clean = not structure and chi2 < 1.5
-        return ("explained" if clean else "partly_explained"), place
-    if not structure and excess > LOUD:
-        return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
-    if structure:
-        best = structure[0]
-        component = {"force": "plant", "command": "actuator", "output": "sensor"}[best.port]
-        return "unnamed", where.Place(component, where.phrase(best.variables), best.variables)
-    return "nothing_missing", where.Place("", "", ())
-
-
-def _excess(plant: Plant, standing: Judged) -> float:
-    """RMS of what is left over what the plant file's own noise would leave at most, were all of its
-    force noise slow; 0 where the file states no noise."""
-    m = plant.machine
-    if not (m.sensor_noise and m.force_noise):
-        return 0.0
-    loop = standing.scene.loop
-    n = 2048
-    frequencies = (np.arange(n) + 0.5) / n * 0.5 / plant.sample_time
-    paths = Paths.of(loop, frequencies)
-    sensor = float(np.hypot(m.sensor_noise, m.encoder_resolution / np.sqrt(12.0)))
-    stated = Noise(sensor, 0.0, sensor, 30.0, m.force_noise, 5.0).density(paths)
-    left = standing.scene.noise.density(paths)
-    return float(np.sqrt(np.mean(left) / np.mean(stated)))
+def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
+    winner = nameless.winner
+    if winner is None:
+        return ()
+    said = dict(enumerate(nameless.formulas))
+    drawn = [
+        picture(winner.scene, winner.free, k, said.get(k)) for k in range(len(winner.free.parts))
+    ]
+    return tuple(p for p in drawn if p is not None)
 
 
 def _finding(standing: Judged, index: int, outcome: Outcome, plant: Plant) -> Finding:
@@ -321,24 +311,18 @@ def _p_value(name: str, steps: list[Step]) -> float | None:
     return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
 
 
-def _advice(verdict: str, place: where.Place, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    from ffl.diagnose.advise import separate
-
-    out = []
-    for finding in findings:
-        near = [name for name, p in finding.alternatives if p > 0.05]
-        if near:
-            out.append(separate(finding.name, near[0]))
-    if verdict == "inconclusive" and "unlike" in place.where:
+def _advice(said: str, place: where.Place, experiment: Experiment | None) -> tuple[str, ...]:
+    if said == "inconclusive" and "unlike" in place.where:
         return ("identify a linear model of this machine first: ffl identify linear",)
-    if verdict == "inconclusive":
+    out = [] if experiment is None else [experiment.advice]
+    if said == "inconclusive":
         out.append(
             "what is left is louder than the noise that the plant file states, and nothing of the "
             "catalogue explains it: record standstill for the noise, and slow moves with reversals"
         )
-    if verdict == "unnamed":
+    if said == "unnamed" and experiment is None:
         out.append(
-            "repeat the run with half and with double speed: what stays in place is position"
+            "record the same move twice: what comes back is the machine, what does not is not"
         )
     return tuple(out)
 

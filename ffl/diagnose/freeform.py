@@ -1,196 +1,395 @@
-"""The rival without a name: a smooth map of position, velocity, direction, command and time.
+"""The rival without a name: smooth maps of position, velocity, acceleration, command and history.
 
-It is fitted to the whitened residual as a force (or at the output) by smooth basis functions, judged
-on held-out recordings, and pruned: variables whose shuffling does not cost anything are not part of
-the answer. Where it beats what the catalogue left, something is there that has no name yet.
+It stands in the contest beside every named effect: maps (`terms`) are fitted as Gaussian processes,
+the best one at the best port is taken, then a second one if it brings enough, each simulated in the
+closed loop and judged on held-out recordings exactly as the named hypotheses are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.events import SHORT
+from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.freemodel import (
+    Evidence,
+    FreeModel,
+    FreeScreen,
+    Part,
+    evidence,
+    posterior,
+    tables_of,
+)
+from ffl.diagnose.judging import CLEANER, PASSES, QUIET, effective
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import Place, Screen
-from ffl.effects import Motion
+from ffl.diagnose.noise import Noise, fit_noise
+from ffl.diagnose.screen import Place, places_of
+from ffl.diagnose.terms import TERMS, Term, ranges_of
 from ffl.systems.state_space import Array
 
-RIDGE = 1.0  # each coefficient's prior: one standard deviation of the noise in the whitened output
+LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
+ROUNDS = 3  # Gauss-Newton rounds of a map in the closed loop
+TRIED = 6  # maps of the screen that are simulated
+FINISHED = 2  # of them, fitted to convergence
+FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
+ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
+TRUST = 1.5  # times the stated noise: what an engineer's figure may be short of
+SMALL = 0.1  # sum of squares that ends the rounds
+WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
+SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
+HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1)
+SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred
 
 
 @dataclass(frozen=True)
-class Term:
-    """Smooth functions of the named variables, (N, k) for one motion."""
+class Ranked:
+    """A map by name, where it would enter, and the log-evidence it has to first order."""
 
     name: str
-    variables: tuple[str, ...]
     port: str
+    evidence: float
 
 
 @dataclass(frozen=True)
 class FreeForm:
-    """What the nameless rival found: `gain` on the held-out recordings' log-likelihood, by term."""
+    """A hypothesis without a name: its maps, and what it leaves.
 
-    fitted: float
-    held_out: float
-    terms: tuple[Term, ...]
-    variables: tuple[str, ...]
-    port: str
+    `evidence`: gained by the maps in the fitted recordings; `white`, `held_white`: whitened residuals
+    under `scene`'s noise; `known`: held-out samples at which the maps can be judged, since the machine
+    is, and has been for a while, where it was in the fitted recordings. `ranking`: all maps at all
+    ports as they were screened, best first.
+    """
 
+    free: FreeModel
+    scene: Scene
+    evidence: float
+    white: Array
+    held_white: Array
+    known: Array
+    ranking: tuple[Ranked, ...] = ()
 
-TERMS = (
-    Term("position", ("position",), "force"),
-    Term("velocity", ("velocity",), "force"),
-    Term("position and direction", ("position", "direction"), "force"),
-    Term("position and velocity", ("position", "velocity"), "force"),
-    Term("position and acceleration", ("position", "acceleration"), "force"),
-    Term("acceleration and direction", ("acceleration", "direction"), "force"),
-    Term("command", ("command",), "command"),
-    Term("command and direction", ("command", "direction"), "command"),
-    Term("command and position", ("command", "position"), "command"),
-    Term("command and velocity", ("command", "velocity"), "command"),
-    Term("history of position", ("history", "position"), "force"),
-    Term("history of command", ("history", "command"), "command"),
-    Term("time", ("time",), "force"),
-    Term("position at the sensor", ("position",), "output"),
-    Term("time and command", ("time", "command"), "command"),
-)
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return self.free.parts
 
+    @property
+    def name(self) -> str:
+        return " + ".join(p.term.name for p in self.parts) or "nothing"
 
-def _hats(x: Array, low: float, high: float, k: int) -> Array:
-    grid = np.linspace(low, high, k)
-    return np.array([np.interp(x, grid, row) for row in np.eye(k)]).T
+    @property
+    def variables(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(v for p in self.parts for v in p.term.variables))
 
-
-def _columns(term: Term, m: Motion, ranges: Mapping[str, tuple[float, float]]) -> Array:
-    side = m.direction[:, None]
-    x = _hats(m.x, *ranges["x"], 13)
-    small = _hats(m.x, *ranges["x"], 6)
-    if term.name == "position" or term.port == "output":
-        return _hats(m.x, *ranges["x"], 21)
-    if term.name == "velocity":
-        top = max(abs(v) for v in ranges["v"])
-        knots = top * np.array([0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0])
-        hats = np.array([np.interp(np.abs(m.v), knots, row) for row in np.eye(len(knots))]).T
-        return np.hstack([hats * np.maximum(side, 0), hats * np.maximum(-side, 0)])
-    if term.name == "position and direction":
-        return np.hstack([x * np.maximum(side, 0), x * np.maximum(-side, 0)])
-    if term.name == "position and velocity":
-        return np.hstack([small * m.v[:, None], small * m.v[:, None] ** 2])
-    if term.name == "position and acceleration":
-        return np.hstack([small * m.a[:, None], small * m.v[:, None] ** 2])
-    if term.name == "acceleration and direction":
-        size = np.abs(m.a)[:, None]
-        return np.hstack([size * np.maximum(side, 0), size * np.maximum(-side, 0)])
-    if term.name == "command":
-        return _hats(m.u, *ranges["u"], 13)
-    if term.name == "command and direction":
-        u = m.u[:, None]
-        return np.hstack([np.abs(u) * side, np.maximum(u, 0) * np.maximum(side, 0)])
-    if term.name == "command and position":
-        return m.u[:, None] * _hats(m.x, *ranges["x"], 21)
-    if term.name == "command and velocity":
-        speed = _hats(np.abs(m.v), 0.0, max(abs(v) for v in ranges["v"]), 5)
-        return np.hstack([np.maximum(m.u, 0)[:, None] * speed, np.minimum(m.u, 0)[:, None] * speed])
-    if term.name == "history of position":
-        return np.column_stack(
-            [_high_pass(m.x, tau, m.sample_time) for tau in (0.03, 0.1, 0.3, 1.0)]
-        )
-    if term.name == "history of command":
-        heat = [_low_pass(m.u**2, tau, m.sample_time) for tau in (0.3, 1.0, 3.0, 10.0)]
-        return np.column_stack([m.u * h for h in heat])
-    t = m.t - m.t[0]
-    duration = max(float(t[-1]), m.sample_time)
-    waves = [np.cos(np.pi * k * t / duration) for k in range(8)]
-    if term.name == "time and command":
-        return np.column_stack([m.u * w for w in waves[:4]])
-    return np.column_stack(waves)
+    @property
+    def port(self) -> str:
+        return self.parts[0].place.port if self.parts else ""
 
 
-def _low_pass(x: Array, tau: float, step: float) -> Array:
-    from scipy.signal import lfilter
+def held_gain(before: Array, after: Array, known: Array) -> float:
+    """Log-likelihood that held-out residuals gain, n/2 log(mean square before/after), the scale free;
+    n: independent samples of the better one. Only samples that are `known` count."""
+    if not known.any():
+        return 0.0
+    a, b = before[known], after[known]
+    first, second = float(np.mean(a**2)), float(np.mean(b**2))
+    if first == second:
+        return 0.0
+    return 0.5 * effective(b if second < first else a) * float(np.log(first / second))
 
-    a = np.exp(-step / tau)
-    return lfilter([1 - a], [1, -a], x)
 
-
-def _high_pass(x: Array, tau: float, step: float) -> Array:
-    return x - x[0] - _low_pass(x - x[0], tau, step)
-
-
-def _ranges(motions: Sequence[Motion]) -> dict[str, tuple[float, float]]:
-    out = {}
-    for name in ("x", "v", "u"):
-        joined = np.concatenate([getattr(m, name) for m in motions])
-        out[name] = (float(joined.min()), float(joined.max()))
+def entries_of(model: Model) -> list[tuple[Term, Place]]:
+    """Every term at every place where it may act."""
+    mechanical = bool(model.simulator.mechanics.modes)
+    points = places_of(model) if mechanical else []
+    out = []
+    for term in TERMS:
+        places = points if term.port == "force" else [Place(term.port)]
+        out += [(term, place) for place in places]
     return out
 
 
-def free_form(scene: Scene, held: Scene | None, model: Model, standing: Fit | None = None):  # type: ignore[no-untyped-def]
-    """The best smooth map beside `model`, judged on the held-out recordings; list best first."""
-    base = standing or fit(scene, model, rounds=2)
-    train = Screen(scene, base)
-    own = None
-    if held is not None and held.trials:
-        from dataclasses import replace
+def free_form(
+    scene: Scene, held: Scene | None, model: Model, most: int = 1, names: Sequence[str] = ()
+) -> list[FreeForm]:
+    """The maps that explain best what `model` leaves, `most` at once last; the model itself is first.
+    `names`: of the maps that may enter, all where empty."""
+    current = _bare(scene, held, model)
+    if current is None:
+        return []
+    out = [current]
+    for _ in range(most):
+        better = _one_more(current, held, names)
+        if better is None:
+            break
+        out.append(better)
+        current = better
+    return out
 
-        judged = replace(held, noise=scene.noise)
-        residuals = judged.residuals(model)
-        if residuals is not None:
-            blank = Fit(
-                model, judged.whiten(residuals), *[np.zeros((judged.samples, 0))] * 2, "held out"
-            )
-            own = Screen(judged, blank)
-    out = []
-    for term in TERMS:
-        place = Place(term.port, "motor" if term.port == "force" and _flexible(model) else "sensor")
-        motions = train.motions(place)
-        ranges = _ranges(motions)
-        columns = train.through(place, [_columns(term, m, ranges) for m in motions])
-        beyond = columns - train.basis @ (train.basis.T @ columns)
-        size = np.linalg.norm(beyond, axis=0)
-        kept = size > 1e-6 * max(float(size.max(initial=0.0)), 1e-300)
-        if not kept.any():
-            continue
-        table = beyond[:, kept] / size[kept]
-        q, r = np.linalg.qr(np.vstack([table, 1e-3 * np.eye(table.shape[1])]))
-        target = q[: len(table)].T @ train.residual
-        gain = float(target @ target)
-        coefficients = np.zeros(columns.shape[1])
-        coefficients[kept] = np.linalg.solve(r, target) / size[kept]
-        held_gain = 0.0
-        if own is not None:
-            seen = own.through(place, [_columns(term, m, ranges) for m in own.motions(place)])
-            nuisance = np.linalg.lstsq(scene_basis(train), columns @ coefficients, rcond=None)[0]
-            prediction = seen @ coefficients - held_jacobian(own, model, train) @ nuisance
-            held_gain = float(own.residual @ own.residual) - float(
-                np.sum((own.residual - prediction) ** 2)
-            )
-        freedom = int(kept.sum())
-        out.append(
-            FreeForm(0.5 * (gain - freedom), 0.5 * held_gain, (term,), term.variables, term.port)
+
+def _bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
+    residuals = scene.residuals(model)
+    if residuals is None:
+        return None
+    quiet = replace(scene, noise=least_noise(scene, model, residuals))
+    model = fit(quiet, model, rounds=4).model
+    return _judged(quiet, held, FreeModel(model), 0.0)
+
+
+def least_noise(scene: Scene, model: Model, residuals: Sequence[Array]) -> Noise:
+    """The quietest of three opinions, part by part: an envelope over long segments, one over short
+    ones (an effect that is everywhere hides from the first, a slow one from the second), and the
+    plant file's own, where it states one."""
+    machine = model.base.plant.machine
+    opinions = [
+        fit_noise(
+            scene.loop, residuals, scene.noise, floor=scene.floor, coloured=False,
+            quantile=QUIET, segment=segment,
         )
-    return sorted(out, key=lambda f: -(f.fitted + f.held_out))
+        for segment in (None, SHORT)
+    ]  # fmt: skip
+    sensor, force = min(o.sensor for o in opinions), min(o.force for o in opinions)
+    if machine.sensor_noise and machine.force_noise:
+        stated = float(np.hypot(machine.sensor_noise, scene.floor))
+        sensor, force = min(sensor, TRUST * stated), min(force, TRUST * machine.force_noise)
+    return Noise(sensor, force)
 
 
-def scene_basis(screen: Screen) -> Array:
-    """Columns of the fitted model's own freedom."""
-    return screen.fit.jacobian
+def _judged(scene: Scene, held: Scene | None, free: FreeModel, gain: float) -> FreeForm | None:
+    residuals = free.residuals(scene)
+    if residuals is None:
+        return None
+    white, known = np.zeros(0), np.zeros(0, bool)
+    if held is not None and held.trials:
+        judged = replace(held, noise=scene.noise)
+        runs = [free.simulate(trial) for trial in held.trials]
+        if any(run is None for run in runs):
+            return None
+        white = judged.whiten([t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r])
+        known = np.concatenate([_known(free, r[0].x, judged) for r in runs if r])
+        if np.mean(known) < LEAST_KNOWN:
+            known = np.ones_like(known)
+    return FreeForm(free, scene, gain, scene.whiten(residuals), white, known)
 
 
-def held_jacobian(own: Screen, model: Model, train: Screen) -> Array:
-    """What the model's own freedom does to the held-out recordings."""
-    from ffl.diagnose.fit import jacobian
+def _known(free: FreeModel, x: Array, scene: Scene) -> Array:
+    """Where the position is, and has been for the loop's memory, within the fitted range."""
+    spans = [p.ranges["x"] for p in free.parts if "position" in p.term.variables]
+    if not spans:
+        return np.ones(len(x), bool)
+    low, high = max(s[0] for s in spans), min(s[1] for s in spans)
+    slack = 0.01 * (high - low)
+    outside = (x < low - slack) | (x > high + slack)
+    since = np.arange(len(x)) - np.maximum.accumulate(
+        np.where(outside, np.arange(len(x)), -(10**9))
+    )
+    return since > _memory(scene)
 
-    key = "_held_jacobian"
-    if not hasattr(own, key):
-        base = own.scene.residuals(model)
-        setattr(own, key, own.scene.whiten_stacked(jacobian(own.scene, model, base)))
-    return getattr(own, key)
+
+def _memory(scene: Scene) -> int:
+    """Samples after which the loop has forgotten a force but for a hundredth."""
+    n = min(4096, max(len(t) for t in scene.trials))
+    unit = np.zeros(n)
+    unit[0] = 1.0
+    energy = np.cumsum(scene.loop.process_sensitivity.filter(unit) ** 2)
+    return int(np.searchsorted(energy, 0.9999 * energy[-1]))
 
 
-def _flexible(model: Model) -> bool:
-    return len(model.simulator.mechanics.modes) > 1
+def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> FreeForm | None:
+    """`current` with one more map, if one is worth it."""
+    residuals = current.free.residuals(current.scene) or []
+    scene = current.scene
+    screen = FreeScreen(scene, current.free.model)
+    target = screen.beyond(scene.whiten(residuals) + screen.from_nominal(current.free.model))
+    taken = {(p.term.name, p.place) for p in current.parts}
+    force = next((p.place for p in current.parts if p.place.port == "force"), None)
+    entries = [
+        (t, p)
+        for t, p in entries_of(current.free.model)
+        if (not names or t.name in names)
+        and (t.name, p) not in taken
+        and (t.port != "force" or force is None or p == force)
+    ]
+    ranked = _ranked(screen, current, entries, target)
+    now = _judged(scene, held, current.free, current.evidence)
+    if not ranked or now is None:
+        return None
+    tried: list[FreeForm] = []
+    for found, part in ranked[:TRIED]:
+        if found.gain < WORTH or found.gain < FAR_BEHIND * ranked[0][0].gain:
+            break
+        start = FreeModel(current.free.model, (*current.parts, part))
+        first = _fitted(screen, start, held, current.evidence, found.gain, 1)
+        if first is not None:
+            tried.append(first)
+    tried.sort(key=lambda f: -_score(f, now))
+    done = []
+    for f in tried[:FINISHED]:  # those that matter go on to convergence
+        more = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS)
+        done.append(more or f)
+    if not done:
+        return None
+    top = max(_score(f, now) for f in done)
+    near = [f for f in done if _score(f, now) >= SIMPLER * top]
+    best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, now)))
+    if not _earns(best, now):
+        return None
+    listed = tuple(Ranked(p.term.name, words(p.place), e.gain) for e, p in ranked)
+    return replace(_quieter(best, held), ranking=current.ranking or listed)
+
+
+def words(place: Place) -> str:
+    """Where a signal enters, for a reader."""
+    if place.port == "force":
+        return "a force" if place.side == "sensor" else f"a force at the {place.side}"
+    return {"command": "beside the command", "output": "at the sensor"}[place.port]
+
+
+def _ranked(
+    screen: FreeScreen, current: FreeForm, entries: Sequence[tuple[Term, Place]], target: Array
+) -> list[tuple[Evidence, Part]]:
+    """First-order evidence of every map, best first, from as many rows as are needed to rank them."""
+    motions = _motions(current.free, screen.scene, [p for _, p in entries])
+    if motions is None:
+        return []
+    every = max(1, len(target) // ROWS)
+    out = []
+    for term, place in entries:
+        span = ranges_of([m[place] for m in motions])
+        table = screen.beyond(tables_of(screen, [(term, place)], [span], motions)[0])
+        found = evidence(term, span, table[::every], target[::every])
+        found = replace(found, gain=found.gain * every)
+        blank = np.zeros(len(term.kernel(span, 1.0)))
+        out.append((found, Part(term, place, blank, span, found.length)))
+    return sorted(out, key=lambda item: -item[0].gain)
+
+
+def _quieter(found: FreeForm, held: Scene | None) -> FreeForm:
+    """Fitted again under the noise that is left now that the map explains its share, as long as that
+    changes it; the first opinion may have been too low as well as too high."""
+    for _ in range(PASSES):
+        scene = found.scene
+        residuals = found.free.residuals(scene) or []
+        other = scene.with_noise_of(residuals, coloured=False, quantile=QUIET)
+        screen = FreeScreen(other, found.free.model)
+        again = _fitted(screen, found.free, held, found.evidence, 0.0, ROUNDS)
+        if again is None:
+            break
+        found = again
+        shares = (other.noise.force / scene.noise.force, other.noise.sensor / scene.noise.sensor)
+        if min(shares) > CLEANER:
+            break
+    return found
+
+
+def _score(f: FreeForm, before: FreeForm) -> float:
+    return f.evidence - before.evidence + _held(before, f)
+
+
+def _earns(f: FreeForm, before: FreeForm) -> bool:
+    """Enough in fitted and held-out recordings alike; a further map must not patch what the first one
+    leaves imperfect."""
+    fitted, held = f.evidence - before.evidence, _held(before, f)
+    if before.parts and (fitted < SHARE * len(f.white) or held < SHARE * int(f.known.sum())):
+        return False
+    judged = bool(before.held_white.size)
+    return fitted > WORTH and (held > HELD_WORTH or not judged)
+
+
+def _held(before: FreeForm, after: FreeForm) -> float:
+    return held_gain(before.held_white, after.held_white, after.known)
+
+
+def _motions(free: FreeModel, scene: Scene, places: Sequence[Place]):  # type: ignore[no-untyped-def]
+    found = [free.simulate(trial, list(dict.fromkeys(places))) for trial in scene.trials]
+    return None if any(f is None for f in found) else [f[1] for f in found if f is not None]
+
+
+def _fitted(
+    screen: FreeScreen, free: FreeModel, held: Scene | None, before: float, gain: float, rounds: int
+) -> FreeForm | None:
+    """All maps together in the closed loop: Gauss-Newton with the maps' traces along the motion they
+    make, and the model's own numbers beside them. The evidence is `before` plus `gain`, or what the
+    simulation makes of it where that is less."""
+    scene = screen.scene
+    cost, now = _cost(scene, free)
+    if now is None:
+        return None
+    first = cost
+    for _ in range(rounds):
+        wanted = _step(screen, free, now)
+        if wanted is None:
+            break
+        share, better = 1.0, False
+        while share > 0.2 and not better:
+            other = _between(free, wanted, share)
+            tried, white = _cost(scene, other)
+            better = tried < cost
+            share *= 0.5
+        if not better:
+            break
+        gained, cost, free, now = cost - tried, tried, other, white
+        if gained < SMALL:
+            break
+    return _judged(scene, held, free, before + min(gain, 0.5 * (first - cost)))
+
+
+def _cost(scene: Scene, free: FreeModel) -> tuple[float, Array | None]:
+    residuals = free.residuals(scene)
+    if residuals is None:
+        return np.inf, None
+    white = scene.whiten(residuals)
+    return float(white @ white), white
+
+
+def _step(screen: FreeScreen, free: FreeModel, white: Array) -> FreeModel | None:
+    """The maps and numbers that explain `white` best to first order around `free`."""
+    motions = _motions(free, screen.scene, [p.place for p in free.parts])
+    if motions is None:
+        return None
+    spans = [p.ranges for p in free.parts]
+    tables = tables_of(screen, [(p.term, p.place) for p in free.parts], spans, motions)
+    whole = white + _sum(tables, [p.coefficients for p in free.parts])
+    target = screen.beyond(whole + screen.from_nominal(free.model))
+    beyond = [screen.beyond(t) for t in tables]
+    priors = []
+    for k, (p, table) in enumerate(zip(free.parts, beyond, strict=True)):
+        others = [o.coefficients for o in free.parts]
+        others[k] = np.zeros_like(others[k])
+        priors.append(evidence(p.term, p.ranges, table, target - _sum(beyond, others)))
+    coefficients = posterior([p.term for p in free.parts], spans, beyond, priors, target)
+    theta = free.model.theta
+    if len(theta):
+        theta = theta + _numbers(screen, free.model, whole - _sum(tables, coefficients))
+    parts = tuple(
+        replace(p, coefficients=c, length=e.length)
+        for p, c, e in zip(free.parts, coefficients, priors, strict=True)
+    )
+    return FreeModel(free.model.at(theta), parts)
+
+
+def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
+    """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as
+    far as they are believed (`Coordinate.doubt`)."""
+    j = screen.fit.jacobian
+    size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    belief = np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
+    stacked = np.vstack([j / size, np.diag(belief / size)])
+    target = np.append(left, -belief * model.theta)
+    return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size
+
+
+def _between(a: FreeModel, b: FreeModel, share: float) -> FreeModel:
+    """`share` of the way from `a` to `b`."""
+    theta = a.model.theta + share * (b.model.theta - a.model.theta)
+    parts = tuple(
+        replace(q, coefficients=p.coefficients + share * (q.coefficients - p.coefficients))
+        for p, q in zip(a.parts, b.parts, strict=True)
+    )
+    return FreeModel(b.model.at(theta), parts)
+
+
+def _sum(tables: Sequence[Array], coefficients: Sequence[Array]) -> Array:
+    return np.sum([t @ c for t, c in zip(tables, coefficients, strict=True)], axis=0)

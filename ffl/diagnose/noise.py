@@ -95,15 +95,21 @@ class Spectrum:
     weight: Array
 
 
-def spectrum(residuals: Sequence[Array], sample_time: float, quantile: float | None) -> Spectrum:
-    """Power of the residuals in bands about a tenth of an octave wide.
+def spectrum(
+    residuals: Sequence[Array],
+    sample_time: float,
+    quantile: float | None,
+    segment: int | None = None,
+) -> Spectrum:
+    """Power of the residuals in bands about a tenth of an octave wide, from segments of 2048 samples
+    or `segment`.
 
     `quantile` None: the mean over segments and bins. Else that quantile over segments and the bins
     of a band, divided by what it would be for pure noise: a lower envelope that a mismatch confined
     to some of the segments leaves alone.
     """
     shortest = min(len(x) for x in residuals)
-    length = int(min(2048, max(64, 2 ** int(np.log2(max(shortest // 3, 64))))))
+    length = segment or int(min(2048, max(64, 2 ** int(np.log2(max(shortest // 3, 64))))))
     parts = []
     for x in residuals:
         n = min(length, len(x))
@@ -138,13 +144,14 @@ def fit_noise(
     coloured: bool = True,
     floor: float = 0.0,
     belief: float = 0.0,
+    segment: int | None = None,
 ) -> Noise:
     """Whittle's likelihood, sum of log(density) + power/density, over the six numbers.
 
     `floor`: least sensor noise (what the encoder's resolution alone gives). `belief`: weight of
     `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2.
     """
-    seen = spectrum(residuals, loop.system.sample_time, quantile)
+    seen = spectrum(residuals, loop.system.sample_time, quantile, segment)
     paths = Paths.of(loop, seen.frequencies)
     weight = seen.weight * min(1.0, 4000.0 / seen.weight.sum())
     levels = _levels(seen, paths, floor)

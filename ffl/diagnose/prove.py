@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
 
 from ffl.diagnose.fit import Scene
+from ffl.diagnose.freemodel import FreeModel
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.trials import Trial
 from ffl.machines.simulator import Simulation, Simulator
@@ -43,6 +44,7 @@ class Proof:
     u_noise_floor: float | None
     interval: tuple[float, float]
     overlays: tuple[Overlay, ...]
+    nrmse_with_map: float | None = None  # of the map that has no name, where that is the answer
 
 
 def nrmse(measured: Sequence[Array], simulated: Sequence[Array]) -> float:
@@ -62,6 +64,20 @@ def run_plant(plant: Plant, trial: Trial) -> Simulation:
         start=trial.start,
         start_time=trial.start_time,
     )
+
+
+def with_map(proof: Proof, held: Scene, maps: FreeModel) -> Proof:
+    """The proof with maps beside the model as what is drawn after; unchanged where they run away."""
+    runs = [maps.simulate(trial) for trial in held.trials]
+    if any(run is None for run in runs):
+        return proof
+    after = [run[0] for run in runs if run]
+    overlays = tuple(
+        replace(o, y_after=run.y, u_after=run.u)
+        for o, run in zip(proof.overlays, after, strict=True)
+    )
+    error = nrmse([t.y for t in held.trials], [run.y for run in after])
+    return replace(proof, overlays=overlays, nrmse_with_map=error)
 
 
 def prove(

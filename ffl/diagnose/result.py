@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.advise import Experiment
 from ffl.diagnose.judging import Judged
+from ffl.diagnose.picture import MapPicture
 from ffl.diagnose.prove import Proof
 from ffl.diagnose.search import Step
 from ffl.diagnose.sound import Soundness
+from ffl.diagnose.unnamed import Contest
 from ffl.diagnose.where import Forces, Map, Place
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
@@ -67,7 +70,9 @@ class Diagnosis:
     maps_before: tuple[Map, ...] = ()
     maps_after: tuple[Map, ...] = ()
     notes: tuple[str, ...] = ()
-    free_form: tuple[Any, ...] = ()
+    nameless: Contest | None = None
+    pictures: tuple[MapPicture, ...] = ()
+    experiment: Experiment | None = None
     forces: Forces | None = None
 
     def answer(self) -> dict[str, Any]:
@@ -82,6 +87,16 @@ class Diagnosis:
             location["frequency_band_hz"] = list(place.frequency_band_hz)
         if place.time_s:
             location["time_s"] = [list(pair) for pair in place.time_s]
+        if place.formula:
+            location["formula"] = place.formula
+        if place.port:
+            location["port"] = place.port
+        if place.ports:
+            location["ports"] = [{"port": p, "log_evidence": e} for p, e in place.ports]
+        if place.linear_share is not None:
+            location["linear_share"] = place.linear_share
+        if place.states:
+            location["states"] = [{"state": s.name, "power": s.power} for s in place.states]
         out: dict[str, Any] = {
             "schema": 1,
             "verdict": self.verdict,
@@ -95,6 +110,8 @@ class Diagnosis:
         if self.proof is not None:
             out["validation"] = _validation(self.proof)
         out["advice"] = list(self.advice)
+        if self.experiment is not None:
+            out["experiment"] = _experiment(self.experiment)
         if self.notes:
             out["notes"] = list(self.notes)
         return out
@@ -120,6 +137,18 @@ def _finding(f: Finding) -> dict[str, Any]:
     )
 
 
+def _experiment(e: Experiment) -> dict[str, Any]:
+    return _clean(
+        {
+            "file": "experiment.csv",
+            "what": e.text,
+            "between": [name for name in e.rivals if name],
+            "separation": e.separation,
+            "tried": [{"what": text, "separation": value} for text, value in e.tried],
+        }
+    )
+
+
 def _validation(proof: Proof) -> dict[str, Any]:
     return _clean(
         {
@@ -131,6 +160,7 @@ def _validation(proof: Proof) -> dict[str, Any]:
             "u_nrmse_after": proof.u_nrmse_after,
             "u_noise_floor": proof.u_noise_floor,
             "change_interval_95": list(proof.interval),
+            "nrmse_with_map": proof.nrmse_with_map,
         }
     )
 

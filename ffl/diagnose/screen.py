@@ -124,6 +124,10 @@ class Screen:
         self.basis = orthonormal(fit.jacobian)
         self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
 
+    def beyond(self, columns: Array) -> Array:
+        """`columns`, (N,) or (N, k), beyond what the model's own freedom explains."""
+        return columns - self.basis @ (self.basis.T @ columns)
+
     # --- filters ---------------------------------------------------------------------------------
 
     def impulses(self, place: Place) -> list[Array]:
@@ -142,7 +146,7 @@ class Screen:
             else:
                 point = mechanics.point(place.side, place.mass_ratio)
                 through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
-                through = replace(through, fast=_nothing(mechanics.sample_time))
+                through = replace(through, fast=nothing(mechanics.sample_time))
                 response = loop.sensitivity.filter(discrete(through).filter(unit))
             out = []
             done: dict[int, Array] = {}
@@ -317,7 +321,7 @@ def _middle(x: Array) -> Array:
     return np.append(0.5 * (x[1:] + x[:-1]), x[-1])
 
 
-def _nothing(sample_time: float) -> StateSpace:
+def nothing(sample_time: float) -> StateSpace:
     return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)
 
 

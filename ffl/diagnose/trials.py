@@ -164,7 +164,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
             # In open loop rest is where the first command holds it.
             loads = [s.parameters["force"] for s in plant.effects if s.name == "constant_load"]
             held = float(recording.u[0]) + sum(loads) / simulator.force_per_input
-            start = _rest_under(simulator, float(recording.u[0]), held, first)
+            start = rest_under(simulator, float(recording.u[0]), held, first)
     elif known_command:
         drive = recording.u if recording.d is None else recording.u + recording.d
         estimate, spread = plant_start(simulator, drive, recording.y, noise)
@@ -198,7 +198,7 @@ def _ordering(simulator: Simulator) -> Array:
     return np.concatenate([np.arange(n, n + delay), np.arange(n)])
 
 
-def _rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
+def rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
     """Standstill of an open-loop plant under a constant command, loads included in `held`, as near
     `position` as it can be."""
     m, n = simulator.mechanics, simulator.mechanics.own

@@ -11,6 +11,7 @@ import scipy.signal
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
+from ffl.diagnose.states import State
 from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
 
@@ -27,13 +28,20 @@ class Map:
 
 @dataclass(frozen=True)
 class Place:
-    """`component`, `where` in words, `depends_on`, band in Hz and stretches of time in s."""
+    """`component`, `where` in words, `depends_on`, band in Hz and stretches of time in s; `port` and
+    `formula` of what has no name, with `ports` ranked by log-evidence; `linear_share` of the mismatch
+    and its power by operating state."""
 
     component: str
     where: str
     depends_on: tuple[str, ...]
     frequency_band_hz: tuple[float, float] | None = None
     time_s: tuple[tuple[float, float], ...] = ()
+    port: str = ""
+    formula: str = ""
+    ports: tuple[tuple[str, float], ...] = ()
+    linear_share: float | None = None
+    states: tuple[State, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -141,6 +149,13 @@ PHRASES = {
     frozenset({"time"}): "times, whatever the machine does",
     frozenset({"time", "temperature"}): "slow changes over the recording",
     frozenset({"acceleration"}): "accelerations",
+    frozenset({"position", "acceleration"}): "an inertia that changes along the stroke",
+    frozenset({"position", "velocity"}): "a damping that changes along the stroke",
+    frozenset({"command", "velocity"}): "the force per command, by speed",
+    frozenset({"command", "direction"}): "friction in proportion to the load",
+    frozenset({"acceleration", "direction"}): "friction in proportion to the load",
+    frozenset({"history", "position"}): "the path behind, fading",
+    frozenset({"command", "history", "time"}): "the work done before, as heat would show",
     frozenset({"direction", "history"}): "reversals, with the path before them",
 }
 

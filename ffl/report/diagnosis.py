@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ffl.diagnose import Diagnosis, diagnose
+from ffl.diagnose.advise import Experiment
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
 from ffl.report.page import Page, drawing, subplots
@@ -31,7 +34,15 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
     answer = json.dumps(diagnosis.answer(), indent=1, allow_nan=False)
     write_text(folder / "answer.json", answer + "\n")
     save_plant(diagnosis.augmented, folder / "augmented.toml")
+    if diagnosis.experiment is not None:
+        write_text(folder / "experiment.csv", _table(diagnosis.experiment))
     page_of(diagnosis).write(folder / "report.html")
+
+
+def _table(e: Experiment) -> str:
+    """A reference file: t, r, f."""
+    rows = zip(e.t, e.r, e.f, strict=True)
+    return "t,r,f\n" + "".join(f"{t:.12g},{r:.12g},{f:.12g}\n" for t, r, f in rows)
 
 
 def diagnose_with_report(
@@ -69,12 +80,16 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print(f"  model correction {c['name']}: {100 * c['relative']:+.3g} %")
     if answer["location"].get("where"):
         print(f"  where: {answer['location']['where']}")
+    if answer["location"].get("formula"):
+        print(f"  formula: {answer['location']['formula']}")
     proof = answer.get("validation")
     if proof:
         print(
             f"  held out: nrmse {proof['nrmse_before']:.4g} -> {proof['nrmse_after']:.4g}, noise "
             f"alone {proof['noise_floor']:.4g}"
         )
+        if "nrmse_with_map" in proof:
+            print(f"  with the map that has no name: nrmse {proof['nrmse_with_map']:.4g}")
         if "u_nrmse_after" in proof:
             print(
                 f"  command:  nrmse {proof['u_nrmse_before']:.4g} -> {proof['u_nrmse_after']:.4g}"
@@ -99,6 +114,7 @@ def page_of(d: Diagnosis) -> Page:
         _where(page, d)
         _ladder(page, d)
         _proof(page, d)
+        _experiment(page, d)
     for note in d.notes:
         page.note(note)
     return page
@@ -126,9 +142,25 @@ def _overview(page: Page, d: Diagnosis) -> None:
         )
     if d.proof is not None:
         facts = [("nrmse before", d.proof.nrmse_before), ("nrmse after", d.proof.nrmse_after)]
+        if d.proof.nrmse_with_map:
+            facts.append(("with the map", d.proof.nrmse_with_map))
         page.facts([*facts, ("noise alone", d.proof.noise_floor)])
     for line in d.advice:
         page.note(f"Next experiment: {line}")
+
+
+def _experiment(page: Page, d: Diagnosis) -> None:
+    if d.experiment is None:
+        return
+    page.section("What next? The experiment that would tell most")
+    figure, axes = subplots(rows=1, columns=2, height=3.4, width_ratios=(1.0, 0.8))
+    draw.experiment(axes[0], d.experiment, d.plant.output_unit, d.plant.input_unit)
+    draw.separations(axes[1], d.experiment)
+    page.figure(
+        figure, d.experiment.text,
+        "Left: the reference, in experiment.csv (t, r, f), within the range, speed, acceleration and "
+        "command of the recordings. Right: what each experiment tried in simulation would tell.",
+    )  # fmt: skip
 
 
 def _where(page: Page, d: Diagnosis) -> None:
@@ -136,14 +168,42 @@ def _where(page: Page, d: Diagnosis) -> None:
     if d.place.where:
         depends = ", ".join(d.place.depends_on) or "nothing that varies"
         page.text(f"{d.place.where}; depends on {depends}; component: {d.place.component}.")
+    if d.place.formula:
+        page.note(f"The simplest formula for what has no name: {d.place.formula}.", "good")
+    if d.place.linear_share is not None:
+        share = 100 * d.place.linear_share
+        page.text(f"{share:.0f} % of the mismatch goes linearly with what drives the machine.")
+    if d.place.states:
+        page.table(
+            ["while the machine is in", "power of the mismatch"],
+            [[s.name, s.power] for s in d.place.states],
+            "Of the whitened residual before, relative to its mean over the recordings.",
+        )
     if d.maps_before:
+        top = max(10.0, float(np.quantile(d.maps_before[0].power, 0.999)))
         figure, axes = subplots(rows=1, columns=2, sharey=True)
-        draw.mismatch_map(axes[0], d.maps_before[0], "before")
-        draw.mismatch_map(axes[1], d.maps_after[0], "after")
+        draw.mismatch_map(axes[0], d.maps_before[0], "before", top)
+        draw.mismatch_map(axes[1], d.maps_after[0], "after", top)
         page.figure(
             figure, "Mismatch map",
             "Whitened residual of the first recording, time against frequency; 1 (pale) is noise "
             "alone. What lights up before and not after is what was found.",
+        )  # fmt: skip
+    for p in d.pictures:
+        figure, ax = subplots()
+        draw.map_with_data(ax, p)
+        page.figure(
+            figure, "What has no name",
+            "A smooth map, free in form (line), over what the recording that shows most of it asks "
+            "for at this port (dots), and the simplest formula found for it (dashed).",
+        )  # fmt: skip
+    if len(d.place.ports) > 1:
+        figure, ax = subplots(height=0.9 + 0.35 * len(d.place.ports))
+        draw.ports(ax, d.place.ports)
+        page.figure(
+            figure, "Where it enters",
+            "An unknown signal at each port: how much better than none the recordings are explained "
+            "by the best map there. Ports within a few units cannot be told apart.",
         )  # fmt: skip
     if d.forces:
         figure, axes = subplots(rows=1, columns=2)
@@ -168,13 +228,6 @@ def _ladder(page: Page, d: Diagnosis) -> None:
             "What each rival adds to the log-likelihood of the fitted and of the held-out "
             "recordings, free numbers charged; the best is taken if it brings enough.",
         )  # fmt: skip
-    if d.free_form:
-        page.heading("The rival without a name")
-        page.table(
-            ["smooth map of", "fitted", "held out"],
-            [[f.terms[0].name, f.fitted, f.held_out] for f in d.free_form],
-            "Log-likelihood that a free map of these variables would add to the final model.",
-        )
 
 
 def _proof(page: Page, d: Diagnosis) -> None:
@@ -188,7 +241,8 @@ def _proof(page: Page, d: Diagnosis) -> None:
         page.figure(
             figure, f"{Path(overlay.name).name}, before and after",
             "Free-running simulation from the recording's own start; nothing was fitted to it. "
-            "Below: what is left.",
+            + ("After: with the map that has no name. " if d.proof.nrmse_with_map else "")
+            + "Below: what is left.",
         )  # fmt: skip
     p = d.proof
     rows = [["y", p.nrmse_before, p.nrmse_after, p.noise_floor]]

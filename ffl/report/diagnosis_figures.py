@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
+from ffl.diagnose.advise import Experiment
+from ffl.diagnose.judging import Judged
+from ffl.diagnose.picture import MapPicture
 from ffl.diagnose.prove import Overlay
 from ffl.diagnose.search import Step
 from ffl.diagnose.where import Forces, Map
@@ -14,14 +19,16 @@ from ffl.report.page import COLOURS
 POINTS = 2000  # most points of a curve
 
 
-def mismatch_map(ax: Axes, m: Map, title: str) -> Axes:
-    """Power of the whitened residual over time and frequency; 1 is noise alone."""
-    power = np.maximum(m.power, 0.1)
-    top = max(10.0, float(np.quantile(power, 0.999)))
+def mismatch_map(ax: Axes, m: Map, title: str, top: float) -> Axes:
+    """Power of the whitened residual over time and frequency, pale where it is noise alone, darkest at
+    `top`."""
     mesh = ax.pcolormesh(
-        m.times, m.frequencies, power, norm=LogNorm(1.0, top), cmap="Blues", shading="nearest",
-        rasterized=True,
+        m.times, m.frequencies, np.maximum(m.power, 0.1), norm=LogNorm(1.0, top), cmap="YlOrRd",
+        shading="nearest", rasterized=True,
     )  # fmt: skip
+    if m.frequencies[-1] > 100.0:
+        ax.set_yscale("symlog", linthresh=m.frequencies[-1] / 20)
+        ax.set_ylim(0.0, m.frequencies[-1])
     ax.set_xlabel("time [s]")
     ax.set_ylabel("frequency [Hz]")
     ax.set_title(title)
@@ -31,14 +38,16 @@ def mismatch_map(ax: Axes, m: Map, title: str) -> Axes:
 
 
 def force_against(ax: Axes, forces: Forces, variable: str) -> Axes:
-    """The force the residual asks for, and the fitted effects' force, over velocity or position."""
+    """The force the residual asks for as dots, the fitted effects' force over it as a line along the
+    motion, over velocity or position."""
     x = forces.velocity if variable == "velocity" else forces.position
     step = max(1, len(x) // POINTS)
-    ax.plot(x[::step], forces.wanted[::step], ".", markersize=2, color=COLOURS[6], alpha=0.35,
-            label="data")  # fmt: skip
+    ax.plot(x[::step], forces.wanted[::step], ".", markersize=3, color=COLOURS[5], alpha=0.4,
+            label="asked for by the data", rasterized=True)  # fmt: skip
     ax.plot(
-        x[::step], forces.fitted[::step], ".", markersize=2, color=COLOURS[1], label="fitted law"
-    )
+        x[::step], forces.fitted[::step], ".", markersize=1.5, color=COLOURS[1], label="fitted law",
+        rasterized=True,
+    )  # fmt: skip
     unit = f"{forces.output_unit}/s" if variable == "velocity" else forces.output_unit
     ax.set_xlabel(f"{variable} [{unit}]")
     ax.set_ylabel(f"force [{forces.unit}]")
@@ -46,10 +55,75 @@ def force_against(ax: Axes, forces: Forces, variable: str) -> Axes:
     return ax
 
 
+def map_with_data(ax: Axes, p: MapPicture) -> Axes:
+    """A map without a name: data as dots, the map as a line, the simplest formula dashed."""
+    step = max(1, len(p.x) // POINTS)
+    low, high = np.quantile(p.wanted, [0.002, 0.998])
+    ax.plot(p.x[::step], p.wanted[::step], ".", markersize=3, color=COLOURS[5], alpha=0.4,
+            label="asked for by the data", rasterized=True)  # fmt: skip
+    ax.plot(p.grid, p.values, color=COLOURS[1], linewidth=2.0, label="free map")
+    if p.formula is not None:
+        ax.plot(p.grid, p.formula, "--", color=COLOURS[6], label="formula")
+        low, high = min(low, p.formula.min()), max(high, p.formula.max())
+    seen = (p.grid >= p.x.min()) & (p.grid <= p.x.max())
+    low = min(low, p.values[seen].min(initial=low))
+    high = max(high, p.values[seen].max(initial=high))
+    ax.set_xlim(p.x.min(), p.x.max())
+    ax.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    ax.set_xlabel(p.x_label)
+    ax.set_ylabel(p.y_label)
+    ax.set_title(p.title)
+    ax.legend(markerscale=4)
+    return ax
+
+
+def experiment(ax: Axes, e: Experiment, unit: str, input_unit: str) -> Axes:
+    """The suggested reference, or command where there is no reference."""
+    step = max(1, len(e.t) // POINTS)
+    closed = np.ptp(e.r) > 0
+    signal = e.r if closed else e.f
+    ax.plot(e.t[::step], signal[::step], color=COLOURS[0])
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(f"reference [{unit}]" if closed else f"command [{input_unit}]")
+    return ax
+
+
+def separations(ax: Axes, e: Experiment) -> Axes:
+    """What each experiment that was tried in simulation would tell."""
+    tried = e.tried[::-1]
+    at = np.arange(len(tried))
+    colours = [COLOURS[2] if text == e.text else COLOURS[5] for text, _ in tried]
+    ax.barh(at, [value for _, value in tried], color=colours)
+    ax.set_yticks(at, [text.split(":")[0] for text, _ in tried], fontsize=8)
+    ax.set_xlabel(
+        "separation [standard deviations]" if e.rivals[1] else "standard error falls by [factor]"
+    )
+    return ax
+
+
+def ports(ax: Axes, ranked: Sequence[tuple[str, float]]) -> Axes:
+    """Log-evidence of the best map at each port."""
+    at = np.arange(len(ranked))
+    ax.barh(at, [value for _, value in ranked][::-1], color=COLOURS[0])
+    ax.set_yticks(at, [name for name, _ in ranked][::-1])
+    ax.set_xscale("symlog", linthresh=30.0)
+    ax.set_xlabel("log-evidence of the best map there, over none")
+    return ax
+
+
+def _label(rival: Judged) -> str:
+    """The last effect's name and the side it acts on."""
+    spec = rival.model.effects[-1]
+    side = spec.options.get("side")
+    return f"{spec.name}, {side}" if side else spec.name
+
+
 def ladder(ax: Axes, step: Step) -> Axes:
     """Bars of what each rival of one round added, fitted and held out."""
-    rivals = [r for r in step.rivals if np.isfinite(r.score)][::-1]
-    names = [r.model.names[-1] for r in rivals]
+    best: dict[str, Judged] = {}
+    for r in sorted((r for r in step.rivals if np.isfinite(r.score)), key=lambda r: -r.score):
+        best.setdefault(_label(r), r)
+    names, rivals = list(best)[::-1], list(best.values())[::-1]
     at = np.arange(len(rivals))
     fitted = [r.fitted - step.before.fitted for r in rivals]
     held = [r.held_out - step.before.held_out for r in rivals]

@@ -1,0 +1,222 @@
+"""A model with smooth maps in it: simulated by repetition, fitted as a Gaussian process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.model import Model
+from ffl.diagnose.screen import Place, Screen
+from ffl.diagnose.terms import Ranges, Term
+from ffl.diagnose.trials import Trial
+from ffl.effects import Motion
+from ffl.errors import InputError
+from ffl.machines.simulator import Simulation
+from ffl.systems.state_space import Array
+
+REPEATS = 8  # most repetitions of a simulation: the map moves the machine, the motion moves the map
+FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
+BLOCK = 1024  # rows of a table that are triangularised at once
+SETTLED = 1e-3  # change of y between two of them, relative to what the maps do to y
+SIZES = np.geomspace(1e-2, 1e7, 28)  # prior variances of a map's trace in whitened y
+
+
+@dataclass(frozen=True)
+class Part:
+    """A fitted map: `term` at `place` with its `coefficients` (k,) over `ranges`."""
+
+    term: Term
+    place: Place
+    coefficients: Array
+    ranges: Ranges
+    length: float = 1.0
+
+    def signal(self, motion: Motion) -> Array:
+        """The map along a motion, (N,): force or command in input units, or output units."""
+        return self.term.signal(motion, self.ranges, self.coefficients)
+
+
+@dataclass(frozen=True)
+class FreeModel:
+    """`model` with maps beside it; force maps share one place."""
+
+    model: Model
+    parts: tuple[Part, ...] = ()
+
+    def simulate(
+        self, trial: Trial, places: Sequence[Place] = ()
+    ) -> tuple[Simulation, dict[Place, Motion]] | None:
+        """The free-running loop and the motion at `places` and at the maps' own; None where it leaves
+        all bounds. The maps' signals are repeated until the motion they make is the one they saw."""
+        wanted = list(dict.fromkeys([*places, *(p.place for p in self.parts)]))
+        keys = [side_of(place) for place in wanted]
+        run = self.model.simulate(trial, watch=list(dict.fromkeys(keys)))
+        before, change, share = run.y, np.inf, 1.0
+        ports: dict[str, Array] = {}
+        for _ in range(REPEATS if self.parts else 0):
+            if run.diverged:
+                return None
+            motions = {p: run.motion(*k) for p, k in zip(wanted, keys, strict=True)}
+            with np.errstate(over="ignore", invalid="ignore"):  # a map that runs away
+                fresh = self._signals(motions)
+            if not all(np.all(np.isfinite(signal)) for signal in fresh.values()):
+                return None
+            ports = {k: v + (1 - share) * (ports[k] - v) if ports else v for k, v in fresh.items()}
+            other = self._driven(trial, ports, keys)
+            if other.diverged:
+                return None
+            moved = float(np.abs(other.y - run.y).max())
+            if moved > 0.7 * change:
+                share = max(0.5 * share, 0.2)
+            run, change = other, moved
+            if change <= SETTLED * float(np.abs(run.y - before).max()):
+                break
+        if run.diverged:
+            return None
+        return run, {p: run.motion(*k) for p, k in zip(wanted, keys, strict=True)}
+
+    def _signals(self, motions: dict[Place, Motion]) -> dict[str, Array]:
+        """What the maps put in at each port along these motions."""
+        ports: dict[str, Array] = {}
+        for part in self.parts:
+            signal = part.signal(motions[part.place])
+            port = part.place.port
+            ports[port] = ports[port] + signal if port in ports else signal
+        return ports
+
+    def _driven(self, trial: Trial, ports: dict[str, Array], keys: Sequence) -> Simulation:  # type: ignore[type-arg]
+        forces = [part.place for part in self.parts if part.place.port == "force"]
+        side = side_of(forces[0]) if forces else None
+        load = ports.get("command")
+        if trial.load is not None:
+            load = trial.load if load is None else load + trial.load
+        return self.model.simulator.run(
+            self.model.acting, trial.reference, trial.feedforward, force=load,
+            noise=ports.get("output"), start=trial.start, start_time=trial.start_time,
+            watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
+            applied=(ports["force"], side) if side else None,
+        )  # fmt: skip
+
+    def residuals(self, scene: Scene) -> list[Array] | None:
+        out = []
+        for trial in scene.trials:
+            try:
+                found = self.simulate(trial)
+            except InputError:
+                return None
+            if found is None:
+                return None
+            out.append(trial.y - found[0].y)
+        return out
+
+
+class FreeScreen(Screen):
+    """A screen whose model's own numbers are believed to be near nominal (`Coordinate.doubt`), so that
+    a map takes what they cannot and no more is laid to them than an engineer's error."""
+
+    def __init__(self, scene: Scene, model: Model) -> None:
+        super().__init__(scene, fit(scene, model, rounds=0))
+        j = self.fit.jacobian
+        doubts = np.array([c.doubt for c in model.coordinates])
+        self.believed = np.isfinite(doubts)
+        size = np.maximum(np.linalg.norm(j, axis=0), 1e-150)
+        spread = np.where(self.believed, doubts / np.sqrt(1.5), FREE / size)
+        self.directions, strength, _ = np.linalg.svd(j * spread, full_matrices=False)
+        self._taken = 1.0 - 1.0 / np.sqrt(1.0 + strength**2)
+
+    def beyond(self, columns: Array) -> Array:
+        """(I + J C J')^(-1/2) columns, C the prior covariance of the model's own numbers."""
+        seen = self.directions.T @ columns
+        return columns - self.directions @ (self._taken * seen.T).T
+
+    def from_nominal(self, model: Model) -> Array:
+        """What the believed numbers of `model` do to the whitened y, (N,)."""
+        return self.fit.jacobian[:, self.believed] @ model.theta[self.believed]
+
+
+def side_of(place: Place) -> tuple[str, float | None]:
+    return (place.side if place.port == "force" else "sensor", place.mass_ratio)
+
+
+def held_motion(motion: Motion, place: Place) -> Motion:
+    """Forces of the screen's filters are held over a sample: theirs is the motion at its middle."""
+    if place.port != "force":
+        return motion
+    from ffl.diagnose.screen import _middle
+
+    return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Best size and length of a map's prior, and the log-evidence gained over no map."""
+
+    gain: float
+    size: float
+    length: float
+
+
+def evidence(term: Term, ranges: Ranges, table: Array, target: Array) -> Evidence:
+    """log p(target | map) - log p(target | no map) of the best prior, target = table c + white noise."""
+    r, projected = reduced(table, target)
+    best = Evidence(-np.inf, 0.0, 1.0)
+    scale = float(np.sum(table**2)) / len(table)
+    if scale <= 0:
+        return best
+    for length in term.lengths:
+        kernel = term.kernel(ranges, length)
+        values, vectors = np.linalg.eigh(r @ kernel @ r.T / scale)
+        values = np.maximum(values, 0.0)
+        q = (vectors.T @ projected) ** 2
+        grown = SIZES[:, None] * values
+        gain = 0.5 * np.sum(q * grown / (1 + grown) - np.log1p(grown), axis=1)
+        k = int(np.argmax(gain))
+        if gain[k] > best.gain:
+            best = Evidence(float(gain[k]), float(SIZES[k] / scale), length)
+    return best
+
+
+def reduced(table: Array, target: Array) -> tuple[Array, Array]:
+    """(R, Q'target) of table = Q R, block by block: the triangles of the blocks, then of these."""
+    whole = np.column_stack([table, target])
+    pieces = np.array_split(whole, max(1, len(whole) // BLOCK))
+    r = np.linalg.qr(np.vstack([np.linalg.qr(piece, "r") for piece in pieces]), "r")
+    k = table.shape[1]
+    return r[:k, :k], r[:k, k]
+
+
+def posterior(
+    terms: Sequence[Term],
+    ranges: Sequence[Ranges],
+    tables: Sequence[Array],
+    priors: Sequence[Evidence],
+    target: Array,
+) -> list[Array]:
+    """Most probable coefficients of all maps together, by QR."""
+    roots = []
+    for term, span, prior in zip(terms, ranges, priors, strict=True):
+        kernel = term.kernel(span, prior.length) * prior.size
+        values, vectors = np.linalg.eigh(kernel)
+        roots.append(vectors * np.sqrt(np.maximum(values, 0.0)))
+    seen = np.hstack([t @ root for t, root in zip(tables, roots, strict=True)])
+    r, projected = reduced(seen, target)
+    k = seen.shape[1]
+    q, small = np.linalg.qr(np.vstack([r, np.eye(k)]))
+    whole = np.linalg.solve(small, q[:k].T @ projected)
+    pieces = np.split(whole, np.cumsum([root.shape[1] for root in roots])[:-1])
+    return [root @ piece for root, piece in zip(roots, pieces, strict=True)]
+
+
+def tables_of(
+    screen: FreeScreen, entries: Sequence[tuple[Term, Place]],
+    ranges: Sequence[Ranges], motions: Sequence[dict[Place, Motion]],
+) -> list[Array]:  # fmt: skip
+    """Whitened traces (N, k) of each entry's columns along the given motions."""
+    out = []
+    for (term, place), span in zip(entries, ranges, strict=True):
+        columns = [term.columns(held_motion(m[place], place), span) for m in motions]
+        out.append(screen.through(place, columns))
+    return out

@@ -1,0 +1,111 @@
+"""A map beside its data: the signal that the recordings ask for at its port, along its variable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.formula import Formula
+from ffl.diagnose.freeform import words
+from ffl.diagnose.freemodel import FreeModel, Part
+from ffl.diagnose.linear import discrete
+from ffl.diagnose.noise import Paths
+from ffl.diagnose.screen import nothing
+from ffl.diagnose.trials import Trial
+from ffl.systems.state_space import Array
+
+CLEAR = 0.2  # of the driver's largest: where it is smaller, dividing by it shows noise
+SLOW = 5.0  # Hz: corner of the unexplained signal that Wiener's filter expects
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """`x`, `wanted` (N,): data; `grid`, `values` (k,): the map; `formula` (k,) where there is one; labels
+    with units."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x: Array
+    wanted: Array
+    grid: Array
+    values: Array
+    formula: Array | None
+
+
+def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> MapPicture | None:
+    """Map `index` of `free` on the recording that shows most of it."""
+    part = free.parts[index]
+    best: tuple[float, Trial] | None = None
+    for trial in scene.trials:
+        found = free.simulate(trial, [part.place])
+        if found is None:
+            return None
+        size = float(np.sum(part.signal(found[1][part.place]) ** 2))
+        if best is None or size > best[0]:
+            best = (size, trial)
+    if best is None:
+        return None
+    trial = best[1]
+    found = free.simulate(trial, [part.place])
+    assert found is not None
+    motion = found[1][part.place]
+    signal = part.signal(motion)
+    wanted = signal + _beside(scene, free, part, trial, trial.y - found[0].y, signal)
+    plant = free.model.base.plant
+    scale = free.model.simulator.force_per_input if part.place.port == "force" else 1.0
+    unit = _unit(free, part)
+    title = f"{words(part.place)}: {part.term.name}"
+    if part.term.grid is None or part.term.along_grid is None:
+        edge = np.array([signal.min(), signal.max()]) * scale
+        return MapPicture(
+            title, f"map of {part.term.name} [{unit}]", f"asked for by the data [{unit}]",
+            signal * scale, wanted * scale, edge, edge, None,
+        )  # fmt: skip
+    grid = part.term.grid(part.ranges)
+    unity = part.term.along_grid(motion, grid, np.ones(len(grid)))
+    clear = np.abs(unity) > CLEAR * np.abs(unity).max()
+    name = {"position": "x", "velocity": "v", "command": "u"}[part.term.along]
+    x = getattr(motion, name)
+    per = f" per {part.term.driver}" if part.term.driver else ""
+    units = {"x": plant.output_unit, "v": f"{plant.output_unit}/s", "u": plant.input_unit}
+    return MapPicture(
+        title, f"{part.term.along} [{units[name]}]",
+        f"asked for and fitted{per}" + ("" if per else f" [{unit}]"),
+        x[clear], (wanted[clear] / unity[clear]) * scale, grid, part.coefficients * scale,
+        None if said is None else said.values,
+    )  # fmt: skip
+
+
+def _unit(free: FreeModel, part: Part) -> str:
+    plant = free.model.base.plant
+    if part.place.port == "output":
+        return plant.output_unit or "output"
+    if part.place.port == "force" and plant.physics.motor_constant:
+        return "N"
+    return plant.input_unit or "input"
+
+
+def _beside(
+    scene: Scene, free: FreeModel, part: Part, trial: Trial, e: Array, signal: Array
+) -> Array:
+    """The least signal at the port that explains the residual `e`, by Wiener's two-sided filter,
+    conj(G) e/(|G|^2 + noise/expected): band-limited to where the data carry it, and as good on a plant
+    whose zeros lie outside the circle."""
+    n = 2 * len(e)
+    f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)
+    response = scene.loop.system.response(f)
+    path = response[:, 0, 3] if part.place.port != "command" else response[:, 0, 2]
+    if part.place.port == "force":
+        mechanics = free.model.simulator.mechanics
+        point = mechanics.point(part.place.side, part.place.mass_ratio)
+        through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
+        through = replace(through, fast=nothing(mechanics.sample_time))
+        path = path * discrete(through).response(f)
+    noise = scene.noise.density(Paths.of(scene.loop, f))
+    size = max(float(np.mean(signal**2)), 1e-300)
+    expected = size * 2 * np.pi * SLOW * trial.sample_time / (1 + (f / SLOW) ** 2)
+    spectrum = np.conj(path) * np.fft.rfft(e, n) / (np.abs(path) ** 2 + noise / expected)
+    return np.fft.irfft(spectrum, n)[: len(e)]

@@ -1,0 +1,238 @@
+"""Named or nameless: the catalogue's answer against the free maps, and what the winner depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from ffl.diagnose.events import Events, events
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.formula import Formula, formula
+from ffl.diagnose.freeform import FreeForm, free_form, held_gain, least_noise
+from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
+from ffl.diagnose.model import Model
+from ffl.effects import Motion
+from ffl.systems.state_space import Array
+
+MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
+QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
+NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
+EARNED = 0.05  # share of the mismatch that names must take off beside maps
+SHUFFLES = 3
+BLOCKS = 20  # pieces of a recording that a variable's shuffling moves about
+SHARED_OUT = 0.03  # of the events before that may remain beside an effect that explains them
+NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
+
+
+@dataclass(frozen=True)
+class Contest:
+    """`alone`: maps in place of names (its `parts` empty where there are none); `beside`: maps on top
+    of the names; `fitted`, `held_out`: what `alone` gains over the names. `verdict`: 'named',
+    'unnamed', 'partly' or 'nothing'."""
+
+    verdict: str
+    alone: FreeForm | None
+    beside: FreeForm | None
+    fitted: float
+    held_out: float
+    events: Events | None
+    variables: tuple[str, ...] = ()
+    needed: tuple[tuple[str, float], ...] = ()  # share of the evidence that each variable is worth
+    formulas: tuple[Formula, ...] = ()
+
+    @property
+    def winner(self) -> FreeForm | None:
+        return self.alone if self.verdict == "unnamed" else self.beside
+
+
+def compare(
+    scene: Scene, held: Scene | None, nominal: Model, standing: Model, rng: Generator
+) -> Contest:
+    """The standing names against maps alone, and beside maps."""
+    named = bool(standing.effects)
+    if scene.folded:  # the output's sign is unknown: maps would be fitted to folds
+        return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
+    left, before = scene.residuals(standing), scene.residuals(nominal)
+    if left is None or before is None:
+        return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
+    bursts = events(scene, left)
+    quiet = replace(scene, noise=least_noise(scene, standing, left))
+    calm = float(np.mean(quiet.whiten(left) ** 2)) < QUIET_ENOUGH and not bursts.found
+    found = free_form(scene, held, nominal)
+    alone = found[-1] if found and found[-1].parts else None
+    gains = _gains(scene, held, standing, alone) if alone else (0.0, 0.0)
+    if not named:
+        if alone:
+            return _described(Contest("unnamed", alone, None, *gains, bursts), rng)
+        verdict = "unnamed" if bursts.found else "nothing"
+        return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
+    winning = alone is not None and min(gains) > MARGIN
+    if calm and not winning:
+        return Contest("named", alone, None, *gains, bursts)
+    only = [p.term.name for p in alone.parts] if alone and winning else []
+    found = free_form(scene, held, standing, names=only)
+    beside = found[-1] if found and found[-1].parts else None
+    nearly = alone if alone and winning and _nearly(scene, held, nominal, standing, alone) else None
+    if alone and winning and not nearly and not _better(beside, alone, nominal, held):
+        return _described(Contest("unnamed", alone, beside, *gains, bursts), rng)
+    if beside or nearly:
+        return _described(Contest("partly", alone, beside or nearly, *gains, bursts), rng)
+    if bursts.found and bursts.excess > SHARED_OUT * events(scene, before).excess:
+        return Contest("partly", alone, None, *gains, bursts)
+    return Contest("named", alone, None, *gains, bursts)
+
+
+def _gains(
+    scene: Scene, held: Scene | None, standing: Model, alone: FreeForm
+) -> tuple[float, float]:
+    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise."""
+    quiet = replace(scene, noise=alone.scene.noise)
+    left = quiet.residuals(standing)
+    if left is None:
+        return np.inf, np.inf
+    all_of_it = np.ones(len(alone.white), bool)
+    fitted = held_gain(quiet.whiten(left), alone.white, all_of_it)
+    if held is None or not held.trials:
+        return fitted, fitted
+    judged = replace(held, noise=alone.scene.noise)
+    left = judged.residuals(standing)
+    if left is None:
+        return fitted, np.inf
+    return fitted, held_gain(judged.whiten(left), alone.held_white, alone.known)
+
+
+def _nearly(
+    scene: Scene, held: Scene | None, nominal: Model, standing: Model, alone: FreeForm
+) -> bool:
+    """The names take off nearly all that the maps do: something is wrong with them, but not much."""
+    sets = [(replace(scene, noise=alone.scene.noise), alone.white, np.ones(len(alone.white), bool))]
+    if held is not None and held.trials:
+        judged = replace(held, noise=alone.scene.noise)
+        sets.append((judged, alone.held_white, alone.known))
+    for ground, white, known in sets:
+        none, named = ground.residuals(nominal), ground.residuals(standing)
+        if none is None or named is None:
+            return False
+        whole, some, least = (
+            float(np.mean(x[known] ** 2))
+            for x in (ground.whiten(none), ground.whiten(named), white)
+        )
+        if whole - some < NEARLY * (whole - least):
+            return False
+    return True
+
+
+def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scene | None) -> bool:
+    """The names earn their place beside maps: without them a share of the mismatch comes back, in the
+    fitted and in the held-out recordings."""
+    if beside is None:
+        return False
+    pairs = [(beside.scene, beside.white, np.ones(len(beside.white), bool))]
+    if held is not None and held.trials:
+        judged = replace(held, noise=beside.scene.noise)
+        pairs.append((judged, beside.held_white, alone.known & beside.known))
+    for scene, white, known in pairs:
+        without, nothing = alone.free.residuals(scene), scene.residuals(nominal)
+        if without is None or nothing is None:
+            return True
+        if held_gain(scene.whiten(without), white, known) < MARGIN:
+            return False
+        whole, some, none = (
+            float(np.mean(x[known] ** 2))
+            for x in (scene.whiten(nothing), scene.whiten(without), white)
+        )
+        if some - none < EARNED * (whole - none):
+            return False
+    return True
+
+
+# --- what it depends on ---------------------------------------------------------------------------
+
+
+def _described(contest: Contest, rng: Generator) -> Contest:
+    winner = contest.winner
+    assert winner is not None
+    screen = FreeScreen(winner.scene, winner.free.model)
+    needed: dict[str, float] = {}
+    formulas = []
+    for index, part in enumerate(winner.parts):
+        for name, share in needed_variables(screen, winner.free, winner.white, part, rng).items():
+            needed[name] = max(needed.get(name, 0.0), share)
+        scale = winner.free.model.simulator.force_per_input if part.place.port == "force" else 1.0
+        said = formula(screen, winner.free, winner.white, index, scale)
+        if said is not None:
+            formulas.append(said)
+    worth = NEEDED + MARGIN / max(winner.evidence, MARGIN)
+    variables = tuple(v for v in winner.variables if needed.get(v, 1.0) > worth)
+    return replace(
+        contest,
+        variables=variables or winner.variables,
+        needed=tuple(needed.items()),
+        formulas=tuple(formulas),
+    )
+
+
+def needed_variables(
+    screen: FreeScreen, free: FreeModel, white: Array, part: Part, rng: Generator
+) -> dict[str, float]:
+    """Share of the map's evidence that is lost when one variable's blocks are moved about in time."""
+    motions = [free.simulate(trial, [part.place]) for trial in screen.scene.trials]
+    if any(m is None for m in motions):
+        return {}
+    along = [m[1] for m in motions if m is not None]
+    entry = [(part.term, part.place)]
+    table = tables_of(screen, entry, [part.ranges], along)[0]
+    own = screen.from_nominal(free.model)
+    target = screen.beyond(white + own + table @ part.coefficients)
+    whole = evidence(part.term, part.ranges, screen.beyond(table), target).gain
+    if whole <= 0:
+        return {}
+    out = {}
+    for name in part.term.variables:
+        if name not in SHUFFLED:
+            continue
+        lost = []
+        for _ in range(SHUFFLES):
+            columns = [
+                part.term.columns(
+                    SHUFFLED[name](held_motion(m[part.place], part.place), rng), part.ranges
+                )
+                for m in along
+            ]
+            other = screen.beyond(screen.through(part.place, columns))
+            lost.append(1.0 - evidence(part.term, part.ranges, other, target).gain / whole)
+        out[name] = float(np.clip(np.min(lost), 0.0, 1.0))
+    return out
+
+
+def _blocks(x: Array, rng: Generator) -> Array:
+    pieces = np.array_split(np.arange(len(x)), BLOCKS)
+    return x[np.concatenate([pieces[k] for k in rng.permutation(len(pieces))])]
+
+
+def _shuffled_direction(m: Motion, rng: Generator) -> Motion:
+    return replace(m, v=np.abs(m.v) * np.sign(_blocks(m.v, rng)))
+
+
+def _shuffled_velocity(m: Motion, rng: Generator) -> Motion:
+    return replace(m, v=_blocks(m.v, rng))
+
+
+SHUFFLED = {
+    "position": lambda m, rng: replace(m, x=_blocks(m.x, rng)),
+    "velocity": _shuffled_velocity,
+    "direction": _shuffled_direction,
+    "acceleration": lambda m, rng: replace(m, a=_blocks(m.a, rng)),
+    "command": lambda m, rng: replace(m, u=_blocks(m.u, rng)),
+}
+
+
+def component_of(parts: Sequence[Part]) -> str:
+    """The component of the machine that a map's port points to."""
+    part = parts[0]
+    if part.place.port == "force":
+        return "environment" if "heat" in part.term.along else "plant"
+    return {"command": "actuator", "output": "sensor"}[part.place.port]

@@ -1,0 +1,83 @@
+"""What it comes to: explained, partly explained, unnamed, nothing missing or inconclusive, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.diagnose import where
+from ffl.diagnose.freeform import FreeForm, words
+from ffl.diagnose.judging import Judged
+from ffl.diagnose.noise import Noise, Paths
+from ffl.diagnose.unnamed import Contest, component_of
+from ffl.effects import EFFECTS
+from ffl.systems.plant import Plant
+
+LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
+STRUCTURED = 1.5  # mean square of the whitened held-out residual above which structure remains
+
+
+def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, where.Place]:
+    """The answer's verdict and place; `plant` as its file states it."""
+    if contest.verdict == "unnamed":
+        return "unnamed", _nameless(contest)
+    effects = standing.model.effects
+    if effects:
+        chi2 = float(np.mean(standing.held_white**2)) if len(standing.held_white) else 1.0
+        names = [EFFECTS[e.name] for e in effects]
+        depends = dict.fromkeys(d for e in names for d in e.depends_on)
+        said = where.phrase(names[0].depends_on)
+        if contest.verdict == "named":
+            place = where.Place(names[0].component, said, tuple(depends))
+            return ("explained" if chi2 < STRUCTURED else "partly_explained"), place
+        rest = _nameless(contest)
+        depends |= dict.fromkeys(rest.depends_on)
+        return "partly_explained", where.Place(
+            names[0].component, f"{said}; what is left: {rest.where}", tuple(depends),
+            port=rest.port, formula=rest.formula, ports=rest.ports,
+        )  # fmt: skip
+    excess = loudness(plant, standing)
+    if excess > LOUD:
+        return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
+    return "nothing_missing", where.Place("", "", ())
+
+
+def _nameless(contest: Contest) -> where.Place:
+    winner = contest.winner
+    if winner is None:
+        assert contest.events is not None
+        return where.Place(
+            "environment",
+            f"bursts, {len(contest.events.stretches)} of them in one recording, that nothing tried "
+            "explains",
+            contest.variables,
+        )
+    place = winner.parts[0].place
+    return where.Place(
+        component_of(winner.parts), f"{words(place)}: {where.phrase(contest.variables)}",
+        contest.variables, port=words(place),
+        formula="; ".join(f.text for f in contest.formulas), ports=_ports(winner),
+    )  # fmt: skip
+
+
+def _ports(winner: FreeForm) -> tuple[tuple[str, float], ...]:
+    """Every port with the log-evidence of the best map there, over none."""
+    best: dict[str, float] = {}
+    for r in winner.ranking:
+        best[r.port] = max(best.get(r.port, -np.inf), r.evidence)
+    return tuple(sorted(best.items(), key=lambda item: -item[1]))
+
+
+def loudness(plant: Plant, standing: Judged) -> float:
+    """RMS of what is left over what the plant file's own noise would leave at most, were all of its
+    force noise slow; 0 where the file states no noise."""
+    m = plant.machine
+    if not (m.sensor_noise and m.force_noise):
+        return 0.0
+    loop = standing.scene.loop
+    n = 2048
+    frequencies = (np.arange(n) + 0.5) / n * 0.5 / plant.sample_time
+    paths = Paths.of(loop, frequencies)
+    sensor = float(np.hypot(m.sensor_noise, m.encoder_resolution / np.sqrt(12.0)))
+    stated = Noise(sensor, 0.0, sensor, 30.0, m.force_noise, 5.0).density(paths)
+    left = standing.scene.noise.density(paths)
+    return float(np.sqrt(np.mean(left) / np.mean(stated)))
