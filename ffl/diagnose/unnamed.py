@@ -53,7 +53,7 @@ def compare(
 ) -> Contest:
     """The standing names against maps alone, and beside maps."""
     named = bool(standing.effects)
-    if scene.folded:  # the output's sign is unknown: maps would be fitted to folds
+    if scene.plain:  # no noise model to judge a map by
         return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
     left, before = scene.residuals(standing), scene.residuals(nominal)
     if left is None or before is None:
