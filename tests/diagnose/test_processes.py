@@ -1,0 +1,159 @@
+"""Machines other than servo stages: speeds, folded and clipped sensors, slow and static loops."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.clip import clipping
+from ffl.diagnose.linear import corrections_of
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.trials import stretches
+from ffl.diagnose.unfold import looks_folded, unfolded
+from ffl.effects import is_speed, mechanics_of
+from ffl.machines.simulator import Simulator
+from ffl.recordings import Recording
+from ffl.recordings.sampling import examine_time
+from ffl.systems import Controller, Plant
+from ffl.systems.plant import EffectSpec
+from ffl.systems.zpk import Zpk
+
+
+def open_loop(u: np.ndarray, y: np.ndarray, step: float) -> Recording:
+    t = step * np.arange(len(u))
+    return Recording(
+        t=t, r=np.zeros_like(u), f=u, u=u, y=y, d=None, sample_time=step, source="made here"
+    )
+
+
+@pytest.mark.parametrize("unit", ["rpm", "rad/s", "m/s", "ticks/s", "mm / s", "1/min"])
+def test_speeds_are_known_by_their_unit(unit):
+    assert is_speed(unit)
+    assert not is_speed("m")
+    assert not is_speed("m^3/s")
+    assert not is_speed("")
+
+
+def test_dry_friction_stops_a_motor_whose_speed_is_measured():
+    """dw/dt = -level b sign(w): from w0 it stops at w0/(level b) and stays."""
+    step, gain = 0.01, 2.0
+    plant = Plant("motor", Zpk([], [1.0], gain * step, step), input_unit="A", output_unit="rad/s")
+    friction = EffectSpec("coulomb_friction", {"level": 0.5})
+    run = Simulator(plant).run((friction,), feedforward=np.zeros(300), start=[1.5 / (gain * step)])
+    expected = np.maximum(1.5 - 0.5 * gain * step * np.arange(300), 0.0)
+    np.testing.assert_allclose(run.y, expected, atol=1e-9)
+    np.testing.assert_allclose(run.v, expected, atol=1e-9)
+
+
+def test_a_speed_has_the_linear_response_of_its_plant():
+    """The integral that forces need changes nothing of the linear part."""
+    rng = np.random.default_rng(1)
+    system = Zpk([0.3], [0.9, 0.8 + 0.3j, 0.8 - 0.3j], 0.1, 0.01)
+    u = rng.standard_normal(200)
+    for unit in ("rpm", "m"):
+        run = Simulator(Plant("p", system, output_unit=unit)).run((), feedforward=u)
+        np.testing.assert_allclose(run.y, system.state_space().filter(u), atol=1e-10)
+    assert mechanics_of(system, True).own == mechanics_of(system).order
+
+
+def test_a_folded_output_gives_its_linear_part_back():
+    rng = np.random.default_rng(2)
+    step = 0.02
+    true = Zpk([], [0.85, 0.8 + 0.4j, 0.8 - 0.4j], 0.02, step)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 60), 20)
+    y = np.abs(true.state_space().filter(u)) + 1e-3 * rng.standard_normal(len(u))
+    recording = open_loop(u, y, step)
+    wrong = Plant("wrong", Zpk([], [0.9, 0.97 + 0.1j, 0.97 - 0.1j], 0.01, step))
+    assert looks_folded(wrong, [recording])
+    assert not looks_folded(wrong, [replace(recording, y=y + 0.5)])
+    found = unfolded(wrong, [recording[:800]], [recording[800:]])
+    assert found is not None
+    poles = np.sort_complex(found.system.poles)
+    np.testing.assert_allclose(poles, np.sort_complex(true.poles), atol=0.02)
+
+
+def test_clipping_shows_by_standing_at_one_value_while_the_drive_moves():
+    t = np.arange(400)
+    u = np.sin(0.05 * t) + 0.01 * np.sin(1.3 * t)
+    y = np.clip(u, -0.8, 0.8)
+    plant = Plant("p", Zpk([], [0.5], 0.5, 1.0))
+    found = clipping(plant, [open_loop(u, y, 1.0)])
+    assert found is not None
+    assert found.parameters == {"kind": "clipping", "level": 0.8}
+    assert clipping(plant, [open_loop(u, u, 1.0)]) is None
+    loop = replace(plant, controller=Controller.of_error(Zpk([], [], 1.0, 1.0)))
+    assert clipping(loop, [open_loop(u, y, 1.0)]) is None
+
+
+def test_slow_process_with_a_dead_zone():
+    """2 s sampling, two lags, an operating point: nothing of it may depend on 1 kHz."""
+    rng = np.random.default_rng(3)
+    step = 2.0
+    system = Zpk([-0.9], [0.93, 0.975], 6e-4, step)
+    load = EffectSpec("constant_load", {"force": 30.0})
+    plant = Plant("oven", system, input_unit="%", output_unit="degC", effects=(load,))
+    simulator = Simulator(plant)
+    dead = EffectSpec("dead_zone", {"half_width": 6.0})
+    made = []
+    for _ in range(2):
+        u = np.repeat(rng.uniform(-30.0, 30.0, 50), 40)
+        y = simulator.run((dead, load), feedforward=u, start=_rest(simulator, 30.0)).y
+        made.append(open_loop(u, y + 0.01 * rng.standard_normal(len(u)), step))
+    assert [c.name for c in corrections_of(simulator.mechanics)] == ["mass", "damping", "stiffness"]
+    answer = diagnose(plant, made[:1], made[1:]).answer()
+    assert [e["name"] for e in answer["effects"]][:1] == ["dead_zone"]
+    assert answer["effects"][0]["parameters"]["half_width"]["value"] == pytest.approx(6.0, rel=0.03)
+
+
+def _rest(simulator: Simulator, force: float) -> np.ndarray:
+    m = simulator.mechanics
+    return np.linalg.solve(m.a, -m.b * force)
+
+
+def test_effects_of_the_plant_file_run_and_their_numbers_may_be_off():
+    plant = Plant(
+        "p", Zpk([], [0.9], 0.1, 0.1), effects=(EffectSpec("constant_load", {"force": 1.0}),)
+    )
+    model = Model(Base.of(plant))
+    assert [c.kind for c in model.coordinates] == ["correction", "given"]
+    other = model.at(np.array([0.0, 2.0]))
+    assert other.plant().effects[0].parameters["force"] == 2.0
+    assert model.plant().effects == plant.effects
+
+
+def test_long_recordings_are_named_from_stretches():
+    y = np.zeros(1000)
+    short = open_loop(y, y, 1.0)
+    assert stretches([short], 1000) == [short]
+    parts = stretches([short] * 2, 1000)
+    assert len(parts) == 8
+    assert sum(len(p) for p in parts) == 2000
+
+
+def test_stamps_of_seven_digits_are_even():
+    t = np.arange(30000) / 12000
+    written = np.array([float(f"{x:.7g}") for x in t])
+    assert not examine_time(written).faults
+    assert examine_time(written + 1e-5 * (np.arange(30000) == 20000)).faults
+
+
+def test_static_controller_is_checked_and_diagnosed():
+    rng = np.random.default_rng(4)
+    step, gain = 0.01, 3.0
+    t = step * np.arange(1500)
+    plant = Plant(
+        "axis",
+        Zpk([], [1.0], step, step),
+        Controller.of_error(Zpk([], [], gain, step)),
+    )
+    r = np.sin(2 * np.pi * 0.7 * t) + scipy.signal.sawtooth(2 * np.pi * 0.31 * t)
+    run = Simulator(plant).run((), r, noise=1e-3 * rng.standard_normal(len(t)))
+    recording = Recording(
+        t=t, r=r, f=0 * r, u=run.u, y=run.y, d=None, sample_time=step, source="made here"
+    )
+    answer = diagnose(plant, [recording]).answer()
+    assert answer["verdict"] == "nothing_missing"
