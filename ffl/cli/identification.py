@@ -80,7 +80,7 @@ def diagnose(
 
 @app.command()
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="printer2018, kernel2018 or bayes2025.")],
+    paper: Annotated[str, typer.Argument(help="printer2018, kernel2018, bayes2025 or papers_gap.")],
     fast: Annotated[bool, typer.Option("--fast", help="Fewer realisations; says so.")] = False,
     out: Out = None,
     jobs: Annotated[int, typer.Option(help="Worker processes; the numbers stay the same.")] = 1,

@@ -55,8 +55,8 @@ def calibrate(plant: Plant, recordings: Sequence[Recording]) -> Calibration:
 
     def left(x: Array) -> Array:
         try:
-            return _residual(whole.plant(x), recordings)
-        except InputError:  # a loop that is unstable, numbers an effect cannot have
+            return free_running(whole.plant(x), recordings)
+        except (InputError, np.linalg.LinAlgError):  # numbers that no plant or effect can have
             return np.full(sum(len(r) for r in recordings), np.inf)
 
     x = np.zeros(len(whole.names))
@@ -90,7 +90,8 @@ def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
             )
 
 
-def _residual(plant: Plant, recordings: Sequence[Recording]) -> Array:
+def free_running(plant: Plant, recordings: Sequence[Recording]) -> Array:
+    """y - yhat of all recordings in a row, from rest; infinite where the simulation diverges."""
     simulator = Simulator(plant)
     out = []
     for r in recordings:

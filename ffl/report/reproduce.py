@@ -17,6 +17,7 @@ PAPERS = {
     "printer2018": ("ffl.campaign.printer2018", "ffl.report.printer2018"),
     "kernel2018": ("ffl.identify.kernel2018", "ffl.report.kernel2018"),
     "bayes2025": ("ffl.identify.bayes", "ffl.report.bayes2025"),
+    "papers_gap": ("ffl.campaign.papers_gap", "ffl.report.papers_gap"),
 }
 
 
