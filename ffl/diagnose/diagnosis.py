@@ -43,6 +43,7 @@ THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see r
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
+LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
@@ -93,6 +94,8 @@ def diagnose(
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
     judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
+    if stated is model and model.machine.sensor_noise and model.machine.force_noise:
+        scene = replace(scene, loudest=prior.scaled(LOUDEST))
     nominal = Model(base)
     residuals = scene.residuals(nominal)
     if residuals is None:

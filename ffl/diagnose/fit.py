@@ -33,6 +33,7 @@ class Scene:
     free_clocks: bool = False  # the recordings' clocks overlap: their offsets are unknown
     worth: float = 1.0  # of a sample, in log-likelihood: less where what is left stays coloured
     plain: bool = False  # no filter of force noise describes what is left: taken as white at y
+    loudest: Noise | None = None  # what white noise can be at most, where it is stated
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:
@@ -89,6 +90,9 @@ class Scene:
         noise = fit_noise(
             self.loop, residuals, self.noise, floor=self.floor, coloured=coloured, quantile=quantile
         )
+        if quantile is not None and self.loudest is not None:
+            sensor, force = self.loudest.sensor, self.loudest.force
+            noise = replace(noise, sensor=min(noise.sensor, sensor), force=min(noise.force, force))
         return replace(self, noise=noise)
 
     def log_likelihood(self, white: Array) -> float:

@@ -55,6 +55,11 @@ def sizes(scene: Scene, model: Model) -> dict[str, float]:
     return out
 
 
+def crosses(scene: Scene, model: Model) -> bool:
+    """A correction is beyond the line: an effect by another name."""
+    return any(size > LINE for size in map(abs, sizes(scene, model).values()))
+
+
 def _effect_values(model: Model, name: str) -> dict[str, float]:
     mechanics = model.base.simulator.mechanics
     scale = model.base.simulator.force_per_input

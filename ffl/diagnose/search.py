@@ -27,11 +27,13 @@ from ffl.diagnose.judging import (
     raw_error,
     raw_residuals,
 )
+from ffl.diagnose.line import crosses
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
 
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
@@ -41,6 +43,7 @@ SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
 GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
 PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
+COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
@@ -159,6 +162,10 @@ def contest(
                 rivals[k] = judge(quiet, held, rival.model, 8, rival.fit)
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if earns(r, base, threshold)]
+        if not worthy and not base.model.effects and crosses(quiet, base.model):
+            # What stands is no longer nominal: it claims an effect too, and must be the better one.
+            worthy = [r for r in rivals if r.score > base.score + SUBSTITUTE]
+            worthy = [r for r in worthy if not crosses(quiet, r.model)]
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and _calls_for(reserve, base, screened, least):
@@ -214,10 +221,11 @@ def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
     model = like.model
     forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
     values = [spec.parameters]
-    if spec.name in LADDERS:
+    if spec.name in LADDERS and LADDERS[spec.name][0] in spec.parameters:
         name, factors = LADDERS[spec.name]
         bounds = EFFECTS[spec.name].parameter(name)
-        rungs = np.clip(spec.parameters[name] * factors, bounds.lower, bounds.upper)
+        rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
+        rungs = np.clip(rungs, bounds.lower, bounds.upper)
         values += [{**spec.parameters, name: float(value)} for value in rungs]
     tried = [
         replace(spec, parameters=p, options={**spec.options, **form})
@@ -239,6 +247,17 @@ def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
         mended = basis.T @ white
         costs.append(float(white @ white - mended @ mended))
     return starts[int(np.argmin(costs))]
+
+
+def _measured_levels(scene: Scene, name: str) -> Array:
+    """Levels at which a limit would show in what was measured: of u as sent, which goes beyond a
+    limit, and of y as seen, which ends there."""
+    if name == "saturation":
+        u = np.abs(np.concatenate([t.u for t in scene.trials]))
+        return np.quantile(u[np.isfinite(u)], COMMANDS) if np.isfinite(u).any() else np.zeros(0)
+    if name == "sensor_nonlinearity":
+        return np.quantile(np.abs(np.concatenate([t.y for t in scene.trials])), [0.98, 0.999])
+    return np.zeros(0)
 
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company
