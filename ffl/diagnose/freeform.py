@@ -15,6 +15,7 @@ import numpy as np
 from ffl.diagnose.events import SHORT
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.freemodel import (
+    RUNAWAY,
     Evidence,
     FreeModel,
     FreeScreen,
@@ -351,6 +352,8 @@ def _step(screen: FreeScreen, free: FreeModel, white: Array) -> FreeModel | None
         return None
     spans = [p.ranges for p in free.parts]
     tables = tables_of(screen, [(p.term, p.place) for p in free.parts], spans, motions)
+    if not all(np.all(np.abs(t) < RUNAWAY) for t in tables):
+        return None
     whole = white + _sum(tables, [p.coefficients for p in free.parts])
     target = screen.beyond(whole + screen.from_nominal(free.model))
     beyond = [screen.beyond(t) for t in tables]

@@ -19,6 +19,7 @@ from ffl.systems.state_space import Array
 
 REPEATS = 8  # most repetitions of a simulation: the map moves the machine, the motion moves the map
 FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
+RUNAWAY = 1e100  # of a trace in whitened y: the motion it belongs to has run away
 BLOCK = 1024  # rows of a table that are triangularised at once
 SETTLED = 1e-3  # change of y between two of them, relative to what the maps do to y
 SIZES = np.geomspace(1e-2, 1e7, 28)  # prior variances of a map's trace in whitened y
@@ -161,8 +162,10 @@ class Evidence:
 
 def evidence(term: Term, ranges: Ranges, table: Array, target: Array) -> Evidence:
     """log p(target | map) - log p(target | no map) of the best prior, target = table c + white noise."""
-    r, projected = reduced(table, target)
     best = Evidence(-np.inf, 0.0, 1.0)
+    if not np.all(np.abs(table) < RUNAWAY):
+        return best
+    r, projected = reduced(table, target)
     scale = float(np.sum(table**2)) / len(table)
     if scale <= 0:
         return best
