@@ -101,7 +101,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
 def page_of(d: Diagnosis) -> Page:
     """The page, step by step."""
     page = Page(f"Diagnosis of {d.plant.name}", f"Verdict: {d.verdict}. {VERDICTS[d.verdict]}")
-    _overview(page, d)
+    with drawing():
+        _overview(page, d)
     page.section("Is the recording sound?")
     for fault in d.soundness.faults:
         page.note(f"{fault.recording}: {fault.where}. {fault.mend}.", "bad")
@@ -131,6 +132,11 @@ def _overview(page: Page, d: Diagnosis) -> None:
         ]
         if rows:
             page.table(["parameter", "value", "unit", "standard error"], rows)
+        if "table" in f.parameters:
+            figure, ax = subplots()
+            levels = f.parameters["table"]
+            draw.friction_table(ax, levels.value, levels.unit, d.plant.output_unit)
+            page.figure(figure, "Friction over position", "Levels of dry friction by direction.")
         if f.alternatives:
             rivals = ", ".join(f"{name} ({p:.2f})" for name, p in f.alternatives)
             page.text(f"Rivals that cannot be excluded: {rivals}.")

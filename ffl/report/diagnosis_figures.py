@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -116,6 +116,21 @@ def _label(rival: Judged) -> str:
     spec = rival.model.effects[-1]
     side = spec.options.get("side")
     return f"{spec.name}, {side}" if side else spec.name
+
+
+def friction_table(
+    ax: Axes, table: Mapping[str, Sequence[float]], unit: str, output_unit: str, label: str = ""
+) -> Axes:
+    """Levels of dry friction over position, moving up and down."""
+    for key, colour, side in (("positive", 0, "moving up"), ("negative", 1, "moving down")):
+        ax.plot(
+            table["grid"], table[key], "." if label else ".-", color=COLOURS[colour],
+            label=f"{side}{label}", markersize=5 if label else 3,
+        )  # fmt: skip
+    ax.set_xlabel(f"position [{output_unit}]")
+    ax.set_ylabel(f"level [{unit}]")
+    ax.legend()
+    return ax
 
 
 def ladder(ax: Axes, step: Step) -> Axes:
