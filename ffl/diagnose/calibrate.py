@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.errors import InputError
-from ffl.machines import Simulator
+from ffl.machines import Simulator, linear_part
 from ffl.recordings import Recording
 from ffl.systems import Plant, Zpk
 from ffl.systems.plant import EffectSpec
@@ -48,17 +48,22 @@ def calibrate(plant: Plant, recordings: Sequence[Recording]) -> Calibration:
     and Marquardt. s begins as large as what is left and follows it down, pass by pass: with it small
     from the start, the fit is caught where stick and slip come out in another order.
 
-    The recordings must begin at rest. Cost: some hundred simulations for every pass.
+    The recordings must begin at rest. The linear closed loop stays stable: what is learned next needs
+    it, and friction that holds an unstable loop still is no explanation.
+    Cost: some hundred simulations for every pass.
     """
     _check(plant, recordings)
     whole = _Numbers(plant)
 
     def left(x: Array) -> Array:
         try:
-            return free_running(whole.plant(x), recordings)
+            plant = whole.plant(x)
+            linear_part(plant).require_stable()
+            return free_running(plant, recordings)
         except (InputError, np.linalg.LinAlgError):  # numbers that no plant or effect can have
             return np.full(sum(len(r) for r in recordings), np.inf)
 
+    linear_part(plant).require_stable()
     x = np.zeros(len(whole.names))
     rms = [_rms(left(x))]
     if not np.isfinite(rms[0]):
