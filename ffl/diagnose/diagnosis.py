@@ -236,7 +236,9 @@ def _conclude(
     if said != "nothing_missing" and not unlike and not observed:
         with suppress(InputError):  # limits too narrow for any move or wave
             experiment = plan(standing.scene, standing.fit, outcome, nameless)
-    findings = tuple(_finding(standing, index, outcome, model) for index in told)
+    findings = tuple(
+        _finding(standing, index, outcome, model, said == "explained") for index in told
+    )
     return Diagnosis(
         plant=model,
         augmented=augmented,
@@ -270,7 +272,9 @@ def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
     return tuple(p for p in drawn if p is not None)
 
 
-def _finding(standing: Judged, index: int, outcome: Outcome, plant: Plant) -> Finding:
+def _finding(
+    standing: Judged, index: int, outcome: Outcome, plant: Plant, complete: bool
+) -> Finding:
     spec = standing.model.effects[index]
     effect = EFFECTS[spec.name]
     spreads = dict(zip(standing.model.coordinates, standing.fit.spread, strict=True))
@@ -282,7 +286,7 @@ def _finding(standing: Judged, index: int, outcome: Outcome, plant: Plant) -> Fi
             if c.kind == "effect" and c.effect == index and c.name == name and c.place is None:
                 error = float(spread * value if c.log else spread)
         numbers[name] = Number(value, unit, error)
-    shares = probabilities(spec.name, outcome.contenders)
+    shares = probabilities(spec.name, outcome.contenders, complete)
     own = shares.pop(spec.name)
     others = sorted(shares.items(), key=lambda item: -item[1])
     return Finding(
