@@ -28,7 +28,7 @@ from ffl.diagnose.result import Diagnosis, Finding, Number
 from ffl.diagnose.search import Outcome, Step, contest
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.states import linear_share, states
-from ffl.diagnose.trials import prepare, stretches
+from ffl.diagnose.trials import commanded, prepare, stretches
 from ffl.diagnose.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
 from ffl.diagnose.unnamed import Contest, compare
 from ffl.diagnose.verdict import verdict
@@ -66,7 +66,9 @@ def diagnose(
     if not recordings:
         raise InputError("diagnose: no recording given; give at least one")
     _require_stable(model)
-    everything, notes = sound.injected_as_sent(model, [*recordings, *validation])
+    _require_others(recordings, validation)
+    everything = [commanded(model, r) for r in (*recordings, *validation)]
+    everything, notes = sound.injected_as_sent(model, everything)
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
     if health.faults:
@@ -75,7 +77,7 @@ def diagnose(
     if shortest < SHORTEST:
         return _too_short(model, health, shortest)
     say("checking the recordings: sound")
-    stated, notes = model, []
+    stated = model
     if needs_observer(model):
         _require_command(everything)
         notes.append(
@@ -148,6 +150,16 @@ def _require_command(recordings: Sequence[Recording]) -> None:
             raise InputError(
                 f"{r.source}: no command u and no [controller] in the plant file; give one of them"
             )
+
+
+def _require_others(recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:
+    for v in validation:
+        for r in recordings:
+            if np.array_equal(v.y, r.y):
+                raise InputError(
+                    f"{v.source}: judges what was fitted to the same samples ({r.source}); validate with "
+                    "another recording, or leave --validate out: then the last 30 % judge"
+                )
 
 
 def _require_stable(model: Plant) -> None:

@@ -11,6 +11,7 @@ from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.loop import Controller
+from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 
 
@@ -61,6 +62,15 @@ def stretches(recordings: Sequence[Recording], most: int, pieces: int = 4) -> li
     return out
 
 
+def commanded(plant: Plant, recording: Recording) -> Recording:
+    """The recording with u = f + C_r r - C_y y where it was not measured, the controller is known and
+    the start is at rest, so that the controller's state there is no secret."""
+    unknown = not np.all(np.isfinite(recording.u))
+    if plant.controller is None or not unknown or not starts_at_rest(recording):
+        return recording
+    return recording.with_command(feedback_of(plant.controller, recording)[1])
+
+
 def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Array]:
     """(states at the start, u_fb) of the controller fed with the recorded r and y.
 
@@ -71,7 +81,7 @@ def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Ar
     inputs = np.column_stack([recording.r, recording.y])
     forced = np.atleast_1d(system.filter(inputs))
     n = system.order
-    if not n or "u" in recording.missing:
+    if not n or not np.all(np.isfinite(recording.u)):
         return np.zeros(n), forced
     rows = min(len(recording), max(20 * n, 200))
     free = np.empty((rows, n))
@@ -135,7 +145,8 @@ def starts_at_rest(recording: Recording) -> bool:
     scale = np.ptp(drive)
     if np.ptp(drive[:rows]) > 1e-6 * max(scale, 1e-300):
         return False
-    if not recording.is_open_loop and np.ptp(recording.f[:rows]) > 0.02 * np.ptp(recording.u):
+    force = recording.u if np.all(np.isfinite(recording.u)) else recording.f
+    if not recording.is_open_loop and np.ptp(recording.f[:rows]) > 0.02 * np.ptp(force):
         return False
     y = recording.y[:rows]
     travel = abs(np.polyfit(np.arange(rows), y, 1)[0]) * rows

@@ -74,6 +74,9 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     print(f"{answer['verdict']}: {VERDICTS[answer['verdict']]}")
     for e in answer["effects"]:
         print(f"  {e['name']} ({e['location']}, confidence {e['confidence']:.2f}): {e['says']}")
+        numbers = [_with_error(k, n) for k, n in e["parameters"].items() if _plain(n["value"])]
+        if numbers:
+            print(f"    {', '.join(numbers)}")
         for rival in e["alternatives"]:
             print(f"    or {rival['name']} ({rival['confidence']:.2f})")
     for c in answer["model_corrections"]:
@@ -96,6 +99,20 @@ def print_answer(answer: Mapping[str, Any]) -> None:
             )
     for line in answer["advice"]:
         print(f"  advice: {line}")
+
+
+def _plain(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _with_error(name: str, number: Mapping[str, Any]) -> str:
+    """`level 20.4 ± 0.31 N`: the error with two digits, the value as far as the error lets it."""
+    value, error = float(number["value"]), number.get("std_error")
+    unit = "" if number["unit"] in ("", "1") else f" {number['unit']}"
+    if not error:
+        return f"{name} {value:.4g}{unit}"
+    digits = int(np.clip(np.ceil(np.log10(max(abs(value) / error, 1.0))) + 2, 2, 8))
+    return f"{name} {value:.{digits}g} ± {error:.2g}{unit}"
 
 
 def page_of(d: Diagnosis) -> Page:

@@ -11,10 +11,11 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.linear import corrected_plant, corrections_of
 from ffl.diagnose.prove import nrmse, run_plant
-from ffl.diagnose.trials import prepare
+from ffl.diagnose.trials import commanded, prepare
 from ffl.effects import mechanics_of
+from ffl.errors import InputError
 from ffl.machines import Simulator
-from ffl.report.diagnosis import write
+from ffl.report.diagnosis import print_answer, write
 from ffl.systems import load_plant
 from ffl.systems.plant import EffectSpec
 
@@ -91,3 +92,25 @@ def test_corrections_are_modal_and_leave_the_nominal_alone(stage):  # type: igno
     heavier = corrected_plant(stage, mechanics, {"mass": 0.25}).system
     np.testing.assert_allclose(heavier.response(f), stage.system.response(f) / 1.25, rtol=1e-9)
     assert corrected_plant(stage, mechanics, {"mass": 0.0}) is stage
+
+
+def test_what_judges_must_not_be_fitted(stage, record):  # type: ignore[no-untyped-def]
+    fit, _ = record(stage)
+    with pytest.raises(InputError, match="validate with another recording"):
+        diagnose(stage, [fit], [fit])
+
+
+def test_a_command_that_was_not_recorded_follows_from_the_controller(stage, record, coulomb):  # type: ignore[no-untyped-def]
+    machine = replace(stage, effects=(EffectSpec("coulomb_friction", {"level": 2.0}),))
+    whole = record(machine)[0]
+    silent = replace(whole, u=np.full(len(whole), np.nan), missing=frozenset({"u"}))
+    u = commanded(stage, silent).u
+    assert np.abs(u - whole.u).max() < 1e-6 * np.ptp(whole.u)
+    moving = silent[len(silent) // 3 :]
+    assert np.isnan(commanded(stage, moving).u).all()
+
+
+def test_numbers_are_printed_with_their_errors(coulomb, capsys):  # type: ignore[no-untyped-def]
+    print_answer(coulomb.answer())
+    level = coulomb.answer()["effects"][0]["parameters"]["level"]
+    assert f"± {level['std_error']:.2g} N" in capsys.readouterr().out
