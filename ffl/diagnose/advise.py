@@ -34,6 +34,7 @@ SHRINKS = 6  # halvings of an experiment whose command leaves the range seen
 ROOM = 1.05  # of the range of the command seen
 DOUBT = 0.03  # probability of a rival from which it is worth an experiment
 SHARP = 0.05  # relative standard error above which a parameter is worth an experiment
+UNSEEN = 1e60  # spread that stands for infinite: of numbers that the data do not see at all
 
 
 @dataclass(frozen=True)
@@ -200,7 +201,11 @@ def _root(covariance: Array) -> Array:
     if not len(covariance):
         return np.zeros((0, 0))
     spread = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-150)
-    values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
+    unseen = ~(spread < UNSEEN)  # as good as free
+    spread = np.where(unseen, UNSEEN, spread)
+    covariance = np.where(np.logical_or.outer(unseen, unseen), 0.0, covariance)
+    correlation = covariance / np.outer(spread, spread) + np.diag(unseen.astype(float))
+    values, vectors = np.linalg.eigh(correlation)
     return spread[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 

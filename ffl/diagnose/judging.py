@@ -9,6 +9,7 @@ import numpy as np
 
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.model import Model
+from ffl.diagnose.noise import Paths
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.systems.state_space import Array
 
@@ -18,6 +19,7 @@ PASSES = 4  # most changes of noise while one hypothesis is fitted
 BOTH = 0.1  # of what held-out recordings gain, clearly, that the fitted ones may lose
 SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
+BINS = 4096  # frequencies over which noise is summed up
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 
 
@@ -138,6 +140,16 @@ def raw_error(held: Scene | None, model: Model) -> float:
     if residuals is None:
         return np.inf
     return float(sum(np.sum(e**2) for e in residuals))
+
+
+def noise_error(held: Scene | None, judged: Scene) -> float:
+    """What noise as `judged` sees it makes of `raw_error` in the mean."""
+    if held is None:
+        return 0.0
+    step = held.loop.system.sample_time
+    frequencies = (np.arange(BINS) + 0.5) / BINS * 0.5 / step
+    density = judged.noise.density(Paths.of(held.loop, frequencies))
+    return held.samples * float(np.mean(density))
 
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:

@@ -24,6 +24,7 @@ from ffl.diagnose.judging import (
     earns,
     judge,
     levelled,
+    noise_error,
     raw_error,
     raw_residuals,
 )
@@ -37,7 +38,7 @@ from ffl.systems.state_space import Array
 
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
-WORSE = 1.2  # held-out sum of squares that one more effect may cost at most, of what it was
+WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
@@ -123,7 +124,7 @@ def contest(
         if base.model.effects:
             base, contenders = settle(quiet, held, base, steps, reserve, say)
         error = raw_error(held, base.model)
-        if steps and error > WORSE * last_error:
+        if steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
             # What came in last does not hold up on the held-out recordings once all is refitted.
             say(
                 f"  turned down again: held-out error {np.sqrt(error / last_error):.2f} times as large"
@@ -156,10 +157,12 @@ def contest(
                 f"{rival.held_out - base.held_out:+.1f} held out"
             )
             rivals.append(rival)
+        base, *rivals = levelled([base, *rivals])
         rivals.sort(key=lambda j: -j.score)
         for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
             if rival.score > base.score and rival.fit.status == "rounds":
                 rivals[k] = judge(quiet, held, rival.model, 8, rival.fit)
+        base, *rivals = levelled([base, *rivals])
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if earns(r, base, threshold)]
         if not worthy and not base.model.effects and crosses(quiet, base.model):
