@@ -79,3 +79,12 @@ def test_files_stay_readable():
         str(p.relative_to(ROOT)): n for p in FILES if (n := len(p.read_text().splitlines())) > 400
     }
     assert not long
+
+
+@pytest.mark.parametrize(
+    "page", sorted(p for p in ROOT.rglob("*.md") if ".venv" not in p.parts), ids=lambda p: p.name
+)
+def test_every_link_of_a_page_leads_somewhere(page):
+    for target in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
+        if not target.startswith(("http:", "https:")):
+            assert (page.parent / target).exists(), f"{page.name} names {target}"
