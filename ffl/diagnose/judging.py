@@ -18,6 +18,7 @@ QUIET = 0.35  # quantile over segments and bins that noise is read from: physics
 PASSES = 4  # most changes of noise while one hypothesis is fitted
 BOTH = 0.1  # of what held-out recordings gain, clearly, that the fitted ones may lose
 SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
+CLEARLY = 1.25  # times the held-out mean square: enough where little of it is independent
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 BINS = 4096  # frequencies over which noise is summed up
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
@@ -152,13 +153,20 @@ def noise_error(held: Scene | None, judged: Scene) -> float:
     return held.samples * float(np.mean(density))
 
 
+def _mean_square(judged: Judged) -> float:
+    """Of the whitened held-out residual; 1 where there is none."""
+    return float(np.mean(judged.held_white**2)) if len(judged.held_white) else 1.0
+
+
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
     held = rival.held_out - base.held_out
     if base.model.effects:  # the first one's imperfection must not be patched with a second
-        share = SHARE * len(base.fit.white)
-        if fitted < share or (len(base.held_white) and held < SHARE * len(base.held_white)):
+        if fitted < SHARE * len(base.fit.white):
+            return False
+        drop = _mean_square(base) / _mean_square(rival)
+        if held < SHARE * len(base.held_white) and drop < CLEARLY:
             return False
     # Fitted under the least noise and scored under its own, a rival may seem to lose a little there.
     least = LEAST if held < LEAST / BOTH else -BOTH * held

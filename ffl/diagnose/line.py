@@ -12,13 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.fit import Scene, fit
-from ffl.diagnose.judging import Judged, earns, judge
+from ffl.diagnose.judging import Judged, earns, judge, raw_residuals
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
 from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
+LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 LINE = 0.02  # relative mass; share of the RMS force on the plant
 TENTH = {
     "input_delay": "delay",
@@ -109,7 +110,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 tried = judge(current.scene, held, model, rounds=6)
             if best is None or tried.score > best.score:
                 best = tried
-        if best is not None:
+        if best is not None and _misfit(current, best) < LOSS * _misfit(current, current):
             current = best
     return current
 
@@ -146,6 +147,12 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
 def _as_it_stands(judged: Judged, model: Model) -> Judged:
     """`judged` with the same physics put in another way: nothing moves."""
     return replace(judged, fit=fit(judged.scene, model, rounds=0))
+
+
+def _misfit(standard: Judged, judged: Judged) -> float:
+    """Mean square of what `judged` leaves, whitened as `standard` is."""
+    scene = replace(standard.scene, trials=judged.scene.trials)
+    return float(np.mean(scene.whiten(raw_residuals(scene, judged.model)) ** 2))
 
 
 def _spread(judged: Judged, name: str) -> float:

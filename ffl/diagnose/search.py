@@ -10,7 +10,7 @@ a second one is thought of, all siblings of the first have been fitted too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,6 +109,7 @@ def contest(
     contenders: dict[str, list[tuple[str, Judged]]] = {}
     last_error = np.inf
     reserve = PLIABLE
+    again = False
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(
@@ -122,7 +123,9 @@ def contest(
         base = refined(quiet, held, base, say)
         last_contenders = contenders
         if base.model.effects:
-            base, contenders = settle(quiet, held, base, steps, reserve, say)
+            base, contenders = settle(
+                quiet, held, base, steps, reserve, say, last_contenders if again else {}
+            )
         error = raw_error(held, base.model)
         if steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
             # What came in last does not hold up on the held-out recordings once all is refitted.
@@ -172,11 +175,11 @@ def contest(
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and _calls_for(reserve, base, screened, least):
-            reserve, standing, last_error = frozenset(), base, np.inf
+            reserve, standing, last_error, again = frozenset(), base, np.inf, True
             continue
         if accepted is None:
             return Outcome(base, steps, held, contenders)
-        standing = accepted
+        standing, again = accepted, False
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
 
@@ -301,9 +304,11 @@ def settle(
     steps: Sequence[Step],
     reserve: frozenset[str],
     say: Callable[[str], None],
+    tried_before: Mapping[str, list[tuple[str, Judged]]],
 ) -> tuple[Judged, dict[str, list[tuple[str, Judged]]]]:
     """Backward elimination and substitution: every effect must earn its place beside the others, and
-    against its rivals in that company; these are returned with what they reached."""
+    against its rivals in that company; these are returned with what they reached. Of rivals that
+    have been `tried_before` in this company only those are tried that had no leave to come in."""
     current = judged
     contenders: dict[str, list[tuple[str, Judged]]] = {}
     for name in judged.model.names:
@@ -318,8 +323,10 @@ def settle(
         if without.score > current.score - KEEP and len(current.model.effects) > 1:
             current = without
             continue
-        others = [(name, current)]
-        for c in challengers(quiet, current, index, steps, reserve):
+        before = sorted(tried_before.get(name, ()), key=lambda pair: -pair[1].score)[1:]
+        others = [(name, current), *before]
+        only = PLIABLE if name in tried_before else None
+        for c in challengers(quiet, current, index, steps, reserve, only):
             start = with_best_start(quiet, c.like, c.spec)
             other = judge(quiet, held, start, 4, c.like)
             if other.score > current.score - HOPELESS * (current.score - without.score):
@@ -342,10 +349,16 @@ def settle(
 
 
 def challengers(
-    quiet: Scene, current: Judged, index: int, steps: Sequence[Step], reserve: frozenset[str]
+    quiet: Scene,
+    current: Judged,
+    index: int,
+    steps: Sequence[Step],
+    reserve: frozenset[str],
+    only: frozenset[str] | None = None,
 ) -> list[Candidate]:
     """Who is fitted in the place of effect `index`, from where the linear model stands beside it: its
-    siblings and the best of the round it won, each at the point that promises most and at its own."""
+    siblings and the best of the round it won, each at the point that promises most and at its own;
+    of these `only` the ones so named."""
     spec = current.model.effects[index]
     names = list(EFFECTS[spec.name].siblings)
     for step in steps:
@@ -354,6 +367,10 @@ def challengers(
     company = current.model.without(index)
     taken = _excluded(company) | reserve
     wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]
+    if only is not None:
+        wanted = [n for n in wanted if n in only]
+        if not wanted:
+            return []
     found = Screen(quiet, fit(quiet, company, rounds=0)).candidates([*wanted, spec.name])
     found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
     side = spec.options.get("side", "sensor")
@@ -363,7 +380,7 @@ def challengers(
     for c in found:
         own = c.spec.options.get("side", "sensor") == side
         if c.spec.name == spec.name:
-            if not own:
+            if not own and only is None:
                 others.append(c)
         elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
             (others if c.spec.name in seen else chosen).append(c)
