@@ -219,7 +219,7 @@ def _conclude(
     augmented = replace(running, controller=None) if observed else running
     after = [run_plant(running, trial) for trial in held.trials]
     quiet = nameless.winner.scene if nameless.winner else standing.scene
-    proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, observed)
+    proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, running, observed)
     if maps:
         proof = with_map(proof, held, maps)
     effects = standing.model.effects

@@ -25,15 +25,17 @@ SHARE = 0.02
 @dataclass(frozen=True)
 class Events:
     """`ratio`: power of the loudest 2 % of all windows over the median one; `excess`: sum of squares
-    beyond noise; `stretches`: (start, end) in s of the events of the first recording that has some."""
+    beyond noise; `stretches`: (start, end) in s of the events of the first recording that has some;
+    `limit`: the ratio that noise alone does not reach."""
 
     ratio: float
     excess: float
     stretches: tuple[tuple[float, float], ...]
+    limit: float = LOUD
 
     @property
     def found(self) -> bool:
-        return self.ratio > LOUD
+        return self.ratio > self.limit
 
 
 def events(scene: Scene, residuals: list[Array]) -> Events:

@@ -24,6 +24,7 @@ from ffl.diagnose.freemodel import (
     posterior,
     tables_of,
 )
+from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, PASSES, QUIET, effective
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
@@ -37,7 +38,6 @@ TRIED = 6  # maps of the screen that are simulated
 FINISHED = 2  # of them, fitted to convergence
 FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
 ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
-TRUST = 1.5  # times the stated noise: what an engineer's figure may be short of
 SMALL = 0.1  # sum of squares that ends the rounds
 WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.freemodel import FreeModel
+from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.trials import Trial
 from ffl.machines.simulator import Simulation, Simulator
@@ -86,17 +87,24 @@ def prove(
     after: Sequence[Simulation],
     judged: Scene,
     rng: Generator,
+    plant: Plant,
     observed: bool = False,
 ) -> Proof:
-    """`before`: runs of the plant as stated, `after`: runs of the augmented plant as its file gives them,
-    one per held-out recording. `observed`: the controller is an observer's, so u is none of its
-    business."""
+    """`before`: runs of the plant as stated, `after`: runs of the augmented `plant` as its file gives
+    them, one per held-out recording. The noise floor is what noise as `judged` sees it leaves: on a
+    plant with effects by runs with noise drawn, on a linear one by its transfer functions.
+    `observed`: the controller is an observer's, so u is none of its business."""
     trials = held.trials
     y = [t.y for t in trials]
     u = [t.u for t in trials]
     paths = _paths(held)
     density = judged.noise.density(paths)
     variance = float(np.mean(density))
+    alike: list[Imitation] = []
+    if plant.effects and not observed and not held.plain:
+        alike = imitated(plant, trials, judged.noise, rng)
+    if alike:
+        variance = _mean_square(one.y for one in alike)
     samples = sum(len(t) for t in trials)
     scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in y) / samples))
     controlled = held.loop.controller is not None and not observed
@@ -107,7 +115,8 @@ def prove(
         u_after = nrmse(u, [s.u for s in after])
         c = np.abs(held.loop.controller.output.response(paths.frequencies)) ** 2
         u_scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in u) / samples))
-        u_floor = float(np.sqrt(np.mean(c * density))) / u_scale if u_scale > 0 else None
+        u_variance = _mean_square(one.u for one in alike) if alike else float(np.mean(c * density))
+        u_floor = float(np.sqrt(u_variance)) / u_scale if u_scale > 0 else None
     overlays = tuple(
         Overlay(t.name, t.t, t.y, t.u, a.y, a.u, b.y, b.u)
         for t, a, b in zip(trials, before, after, strict=True)
@@ -124,6 +133,11 @@ def prove(
         _interval(errors, scale, rng),
         overlays,
     )
+
+
+def _mean_square(draws: Iterable[list[Array]]) -> float:
+    every = np.concatenate([e for one in draws for e in one])
+    return float(np.mean(every**2))
 
 
 def _paths(scene: Scene) -> Paths:

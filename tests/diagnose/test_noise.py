@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ffl.diagnose.imitate import believable, imitated
 from ffl.diagnose.noise import Noise, Paths, fit_noise, spectrum
+from ffl.diagnose.trials import prepare
 from ffl.diagnose.whitening import Whitener
+from ffl.machines import Simulator
+from ffl.systems.plant import Imperfections
 
 TRUE = Noise(2e-7, 0.01, 1e-7, 40.0, 0.015, 8.0)
 
@@ -81,3 +87,23 @@ def test_unknown_start_is_absorbed(stage):  # type: ignore[no-untyped-def]
     doubt = np.outer(start, start)
     sure, unsure = Whitener.of(stage.loop, TRUE), Whitener.of(stage.loop, TRUE, doubt)
     assert np.sum(unsure(free) ** 2) < 3.0 < np.sum(sure(free) ** 2)
+
+
+def test_a_linear_machine_imitates_what_its_transfer_functions_say(stage, record):  # type: ignore[no-untyped-def]
+    noise = Noise(2e-7, 0.01, 1e-7, 30.0, 0.02, 10.0)
+    loud = replace(stage, machine=Imperfections())
+    trial = prepare(Simulator(loud), record(stage)[0], 1e-7)
+    draws = imitated(loud, [trial], noise, np.random.default_rng(0), 8)
+    variance = np.mean([np.mean(one.y[0] ** 2) for one in draws])
+    n = 4096
+    paths = Paths.of(stage.loop, (np.arange(n) + 0.5) / n * 0.5 / stage.sample_time)
+    assert variance == pytest.approx(float(np.mean(noise.density(paths))), rel=0.1)
+
+
+def test_noise_beyond_what_the_plant_file_states_is_not_imitated(stage):  # type: ignore[no-untyped-def]
+    stated = replace(stage, machine=Imperfections(0.0, 1e-7, 0.01))
+    capped = believable(Noise(3e-7, 0.3, 4e-7, 30.0, 0.4, 10.0), stated)
+    assert np.hypot(capped.sensor, capped.sensor_coloured) == pytest.approx(1.5e-7)
+    assert np.hypot(capped.force, capped.force_coloured) == pytest.approx(0.015)
+    quiet = Noise(1e-8, 0.001)
+    assert believable(quiet, stated) == quiet
