@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from ffl.effects import EFFECTS
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "ffl"
 ORDER = [
@@ -88,3 +90,11 @@ def test_every_link_of_a_page_leads_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
         if not target.startswith(("http:", "https:")):
             assert (page.parent / target).exists(), f"{page.name} names {target}"
+
+
+def test_every_effect_has_its_line_in_the_documentation():
+    lines = (ROOT / "docs" / "effects.md").read_text().splitlines()
+    table = {line.split("`")[1]: line for line in lines if line.startswith("| `")}
+    assert set(table) == set(EFFECTS)
+    for name, effect in EFFECTS.items():
+        assert all(f"`{p.name}`" in table[name] for p in effect.parameters), name
