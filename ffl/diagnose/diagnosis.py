@@ -19,7 +19,7 @@ from ffl.diagnose.judging import Judged, judge, raw_error
 from ffl.diagnose.line import across_the_line, slight
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, fit_noise
-from ffl.diagnose.observer import decay_for, led, needs_observer, with_observer
+from ffl.diagnose.observer import decay_for, led, moving, needs_observer, with_observer
 from ffl.diagnose.picture import MapPicture, picture
 from ffl.diagnose.plain import too_loud, weighed
 from ffl.diagnose.posterior import probabilities
@@ -84,8 +84,9 @@ def diagnose(
             "the controller is unknown and the plant integrates: predicted through an observer, not in "
             "free run"
         )
-        model = with_observer(model, decay_for(recordings))
-        recordings, validation = led(recordings), led(validation)
+        decay = decay_for(recordings)
+        model = with_observer(model, decay)
+        recordings, validation = led(moving(recordings)), led(moving(validation))
         everything = [*recordings, *validation]
     base = Base.of(model, max(float(np.ptp(r.y)) for r in everything))
     prior, floor = _prior(model, base, recordings)
@@ -96,6 +97,8 @@ def diagnose(
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
     judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
+    if stated is not model:
+        scene = replace(scene, slowest=decay / (2 * np.pi))
     if stated is model and model.machine.sensor_noise and model.machine.force_noise:
         scene = replace(scene, loudest=prior.scaled(LOUDEST))
     nominal = Model(base)

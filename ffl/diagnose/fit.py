@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ffl.diagnose.model import Model
-from ffl.diagnose.noise import Noise, fit_noise
+from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import triangle
 from ffl.diagnose.whitening import Whitener
@@ -34,6 +34,7 @@ class Scene:
     worth: float = 1.0  # of a sample, in log-likelihood: less where what is left stays coloured
     plain: bool = False  # no filter of force noise describes what is left: taken as white at y
     loudest: Noise | None = None  # what white noise can be at most, where it is stated
+    slowest: float = SLOWEST  # Hz: lowest corner of coloured noise; what is slower is physics
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:
@@ -88,7 +89,13 @@ class Scene:
                 self, noise=Noise(max(size, self.floor, 1e-300), 1e-6 * self.noise.force)
             )
         noise = fit_noise(
-            self.loop, residuals, self.noise, floor=self.floor, coloured=coloured, quantile=quantile
+            self.loop,
+            residuals,
+            self.noise,
+            floor=self.floor,
+            coloured=coloured,
+            quantile=quantile,
+            slowest=self.slowest,
         )
         if quantile is not None and self.loudest is not None:
             sensor, force = self.loudest.sensor, self.loudest.force

@@ -21,6 +21,7 @@ SHARE = 0.004  # of the number of samples: log-likelihood that a further effect 
 CLEARLY = 1.25  # times the held-out mean square: enough where little of it is independent
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 BINS = 4096  # frequencies over which noise is summed up
+LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 
 
@@ -160,14 +161,16 @@ def _mean_square(judged: Judged) -> float:
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
+    rival, base = levelled([rival, base])
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
     held = rival.held_out - base.held_out
+    sure = LOST * fitted > max(LEAST, -held)
     if base.model.effects:  # the first one's imperfection must not be patched with a second
         if fitted < SHARE * len(base.fit.white):
             return False
         drop = _mean_square(base) / _mean_square(rival)
-        if held < SHARE * len(base.held_white) and drop < CLEARLY:
+        if held < SHARE * len(base.held_white) and drop < CLEARLY and not sure:
             return False
     # Fitted under the least noise and scored under its own, a rival may seem to lose a little there.
     least = LEAST if held < LEAST / BOTH else -BOTH * held
-    return rival.score - base.score > threshold and fitted > least and held > -LEAST / 2
+    return rival.score - base.score > threshold and fitted > least and (held > -LEAST / 2 or sure)

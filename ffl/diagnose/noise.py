@@ -145,18 +145,20 @@ def fit_noise(
     floor: float = 0.0,
     belief: float = 0.0,
     segment: int | None = None,
+    slowest: float = SLOWEST,
 ) -> Noise:
     """Whittle's likelihood, sum of log(density) + power/density, over the six numbers.
 
     `floor`: least sensor noise (what the encoder's resolution alone gives). `belief`: weight of
-    `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2.
+    `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2. `slowest`:
+    lowest corner of the coloured parts, Hz.
     """
     seen = spectrum(residuals, loop.system.sample_time, quantile, segment)
     paths = Paths.of(loop, seen.frequencies)
     weight = seen.weight * min(1.0, 4000.0 / seen.weight.sum())
     levels = _levels(seen, paths, floor)
     duration = max(len(x) for x in residuals) * loop.system.sample_time
-    slowest = min(SLOWEST, SLOW / loop.system.sample_time)
+    slowest = min(slowest, SLOW / loop.system.sample_time)
     corner = np.log([max(slowest, 2.0 / duration), 0.25 / loop.system.sample_time])
     share = np.log([1e-3, LOUDEST])
     ranges = [np.log(level) + np.array([-9.0, 9.0]) for level in levels]

@@ -23,6 +23,7 @@ from ffl.systems.zpk import as_state_space
 DECAYS = 2 * np.pi * np.array([5.0, 2.0, 1.0])  # 1/s: slowest decay of the observer's loop
 QUIET = 0.01  # of the speed: noise that an observer may take for speed
 SPAN = 0.05  # s over which the speed is read
+MOVING = 0.05  # of the peak speed: what is slower at either end is standstill
 EDGE = 1.0 - 1e-4  # poles beyond this magnitude count as integrating: a free run would remember
 
 
@@ -81,3 +82,19 @@ def _lqg(p: StateSpace, weight: float, ratio: float) -> Controller:
 def led(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings as the observer's loop sees them: reference y, feedforward u."""
     return [replace(r, r=r.y, f=r.u) for r in recordings]
+
+
+def moving(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings without the standstill before the first and after the last motion.
+
+    An unknown controller may hold a machine at rest with any force up to stiction, which after a
+    long rest is more than twice the friction of motion (KUKA, axes 2 and 3): there the balance of
+    forces, by which an observer tells friction from load, says nothing of either.
+    """
+    out = []
+    for r in recordings:
+        m = min(max(1, round(SPAN / r.sample_time)), len(r) // 4)
+        speed = np.abs(r.y[m:] - r.y[:-m])
+        fast = np.flatnonzero(speed > MOVING * speed.max()) + m // 2
+        out.append(r[int(fast[0]) : int(fast[-1]) + 1] if len(fast) > len(r) // 2 else r)
+    return out

@@ -340,7 +340,11 @@ def settle(
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
         worthy = [pair for pair in others[1:] if earns(pair[1], alone, 0.0)]
         best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
-        if best.score > current.score + SUBSTITUTE:
+        fewer = [p for p in worthy if len(p[1].model.coordinates) < len(current.model.coordinates)]
+        simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
+        if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
+            best_name, current = simpler
+        elif best.score > current.score + SUBSTITUTE:
             current = best
         else:
             best_name = name

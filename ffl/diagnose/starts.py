@@ -64,7 +64,7 @@ def _spread(trial: Trial, model: Model) -> np.ndarray:
     n = model.base.simulator.n_states
     out = np.zeros(n)
     out[: min(n, len(values))] = values[:n]
-    small = 1e-9 * max(float(np.abs(trial.start).max()), 1e-12)
+    small = 1e-9 * max(float(np.abs(trial.start).max(initial=0.0)), 1e-12)
     return np.maximum(out, small)
 
 
