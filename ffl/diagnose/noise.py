@@ -150,8 +150,8 @@ def fit_noise(
     """Whittle's likelihood, sum of log(density) + power/density, over the six numbers.
 
     `floor`: least sensor noise (what the encoder's resolution alone gives). `belief`: weight of
-    `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2. `slowest`:
-    lowest corner of the coloured parts, Hz.
+    `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2.
+    `slowest`: lowest corner of the coloured parts, Hz.
     """
     seen = spectrum(residuals, loop.system.sample_time, quantile, segment)
     paths = Paths.of(loop, seen.frequencies)

@@ -95,6 +95,7 @@ def moving(recordings: Sequence[Recording]) -> list[Recording]:
     for r in recordings:
         m = min(max(1, round(SPAN / r.sample_time)), len(r) // 4)
         speed = np.abs(r.y[m:] - r.y[:-m])
-        fast = np.flatnonzero(speed > MOVING * speed.max()) + m // 2
-        out.append(r[int(fast[0]) : int(fast[-1]) + 1] if len(fast) > len(r) // 2 else r)
+        fast = np.flatnonzero(speed >= MOVING * speed.max()) + m // 2
+        first, last = int(fast[0]), int(fast[-1]) + 1
+        out.append(r[first:last] if last - first > len(r) // 2 else r)
     return out

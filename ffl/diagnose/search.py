@@ -340,7 +340,7 @@ def settle(
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
         worthy = [pair for pair in others[1:] if earns(pair[1], alone, 0.0)]
         best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
-        fewer = [p for p in worthy if len(p[1].model.coordinates) < len(current.model.coordinates)]
+        fewer = [p for p in worthy if _plainer(p[1], current)]
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
         if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
             best_name, current = simpler
@@ -350,6 +350,12 @@ def settle(
             best_name = name
         contenders[best_name] = others
     return current, contenders
+
+
+def _plainer(rival: Judged, current: Judged) -> bool:
+    """Fewer numbers, where the data do not see the further ones."""
+    fewer = len(rival.model.coordinates) < len(current.model.coordinates)
+    return fewer and rival.freedom >= current.freedom
 
 
 def challengers(
