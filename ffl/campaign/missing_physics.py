@@ -1,7 +1,7 @@
 """The circle closed: linear learning stalls, the missing physics is named, learning goes on.
 
 A machine with effects that its model leaves out learns with a linear basis until it stalls. Its
-trials, and the slow scans that the campaign's `[diagnosis]` asks for, are diagnosed (or the effects'
+slow scans, which the campaign's `[diagnosis]` asks for, are diagnosed (`diagnosed`; or the effects'
 names and places are given, as a bound of what a diagnosis can bring). The augmented plant is
 calibrated on the recordings, a feedforward is planned on it and run, and learning goes on along the
 augmented model's trajectory. While a trial misses its promise, its recording calibrates once more.
@@ -18,6 +18,7 @@ from numpy.random import SeedSequence
 from ffl.bases import Compensation, SumBasis
 from ffl.campaign.config import Campaign
 from ffl.diagnose.calibrate import Calibration, calibrate
+from ffl.diagnose.large import large_effects
 from ffl.learn import AlongTrajectory, LearningTask, NormOptimal, learn, trial_rng
 from ffl.machines import SimulatedMachine, linear_part
 from ffl.recordings import Recording
@@ -29,9 +30,9 @@ PITCH = 0.032  # m, pole pitch of a linear motor
 TEACHERS = (1, 3, 5, 8)  # linear trials that calibrate: far apart on the way to the stall
 KEPT_PROMISE = 1.5  # times the promise: a trial above it calibrates the model once more
 CALIBRATIONS = 4
-SETTLED = 10  # last trials whose median is "after": about detents noise changes it by a half
+SETTLED = 7  # last trials whose median is "after": about detents noise changes it by a half
 
-Found = Callable[[Plant, Sequence[Recording], Sequence[Recording]], tuple[EffectSpec, ...]]
+Found = Callable[[Plant, Sequence[Recording], Sequence[Recording]], Plant]
 
 
 @dataclass(frozen=True)
@@ -104,11 +105,11 @@ def story(
     seed: int = 0,
     found: Found | None = None,
     before: int = 8,
-    after: int = 14,
+    after: int = 9,
 ) -> Story:
     """Linear learning with the campaign's first run for `before` trials, then `after` more with what
-    `found` says of the recordings (model, fitted, held out); None: names and places are given and
-    the numbers a fifth off, which is the bound of what a diagnosis can bring."""
+    `found` makes of the recordings (model, fitted, held out: an augmented plant); None: names and
+    places are given and the numbers a fifth off, the bound of what a diagnosis can bring."""
     run, model = campaign.runs[0], campaign.model
     machine = SimulatedMachine(replace(campaign.machine, effects=effects))
     task = LearningTask(model, machine, run.basis, campaign.reference, run.weights)
@@ -120,9 +121,9 @@ def story(
     stalled = machine.run(second, run.basis.regressors(second) @ trials[-1].theta, _rng(noise, 0))
     scans, judges = (_scans(campaign, machine, noise, k) for k in (0, 1))
     told = replace(model, machine=campaign.machine.machine)
-    named = _given(effects, seed) if found is None else found(told, scans, judges)
+    named = found(told, scans, judges) if found else replace(told, effects=_given(effects, seed))
     teachers = [trials[k - 1].recording for k in TEACHERS if k <= before] + scans
-    first = calibrate(replace(told, effects=named), scans or teachers).plant
+    first = calibrate(named, scans or teachers).plant
     learned = _go_on(campaign, first, machine, teachers, noise, after)
     imagined = SimulatedMachine(learned.plant)
     promised = _trials(learned.update, learned.first, imagined, after, noise, 2**16)
@@ -131,7 +132,7 @@ def story(
     return Story(
         seed,
         effects,
-        named,
+        named.effects,
         learned.plant,
         tuple(learned.calibrations),
         tuple(t.error_norm for t in trials),
@@ -142,6 +143,13 @@ def story(
         float(np.linalg.norm(second - machine.run(second, carried, _rng(noise, 1)).y)),
         float(np.linalg.norm(second - imagined.run(second, carried, _rng(noise, 2)).y)),
     )
+
+
+def diagnosed(
+    model: Plant, recordings: Sequence[Recording], held_out: Sequence[Recording]
+) -> Plant:
+    """The augmented plant that the diagnosis of large effects makes of recordings from rest."""
+    return large_effects(model, recordings, held_out).plant
 
 
 def _rng(noise: SeedSequence, number: int) -> np.random.Generator:

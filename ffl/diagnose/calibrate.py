@@ -38,15 +38,19 @@ class Calibration:
     changes: Mapping[str, float]
 
 
-def calibrate(plant: Plant, recordings: Sequence[Recording]) -> Calibration:
+def calibrate(
+    plant: Plant, recordings: Sequence[Recording], passes: int = PASSES, rounds: int = ROUNDS
+) -> Calibration:
     """The plant whose free-running closed loop comes nearest to the recordings' y.
 
     Free are the gain of the slow end, every zero and pole (logarithms of frequency and damping ratio
     in continuous time; poles at 1 and roots at or left of 0 stay) and every number of the effects.
     Minimises |y - yhat|^2/s^2 + |changes/spread|^2 with the spreads an engineer's model has (gain
     3 %, frequencies 5 %, damping ratios 15 %, levels 50 %, periods 2 %, phases 1 rad), by Levenberg
-    and Marquardt. s begins as large as what is left and follows it down, pass by pass: with it small
-    from the start, the fit is caught where stick and slip come out in another order.
+    and Marquardt of at most `rounds` steps. s begins as large as what is left and follows it down, at
+    most `passes` times: with it small from the start, the fit is caught where stick and slip come out
+    in another order. With one pass the numbers stay near the model's, which is what an effect that is
+    still missing needs.
 
     The recordings must begin at rest. The linear closed loop stays stable: what is learned next needs
     it, and friction that holds an unstable loop still is no explanation.
@@ -55,10 +59,11 @@ def calibrate(plant: Plant, recordings: Sequence[Recording]) -> Calibration:
     _check(plant, recordings)
     whole = _Numbers(plant)
 
-    def left(x: Array) -> Array:
+    def left(x: Array, stable: bool = True) -> Array:
         try:
             plant = whole.plant(x)
-            linear_part(plant).require_stable()
+            if stable:
+                linear_part(plant).require_stable()
             return free_running(plant, recordings)
         except (InputError, np.linalg.LinAlgError):  # numbers that no plant or effect can have
             return np.full(sum(len(r) for r in recordings), np.inf)
@@ -69,10 +74,10 @@ def calibrate(plant: Plant, recordings: Sequence[Recording]) -> Calibration:
     if not np.isfinite(rms[0]):
         raise InputError(f"calibrate: plant '{plant.name}' diverges on these recordings")
     least = ROUNDING * max(float(np.ptp(r.y)) for r in recordings)
-    for _ in range(PASSES):
+    for _ in range(passes):
         if rms[-1] <= least:
             break
-        x = _descend(left, x, rms[-1])
+        x = _descend(left, x, rms[-1], rounds)
         rms.append(_rms(left(x)))
         if rms[-1] > BETTER * rms[-2]:
             break
@@ -116,14 +121,13 @@ def _rms(e: Array) -> float:
     return float(np.sqrt(np.mean(e**2)))
 
 
-def _descend(left: Callable[[Array], Array], x: Array, scale: float) -> Array:
+def _descend(left: Callable[..., Array], x: Array, scale: float, rounds: int) -> Array:
     """Levenberg-Marquardt on left(x)/scale with x itself as prior."""
     white = left(x) / scale
     cost, damping = float(white @ white + x @ x), 1e-3
     n = len(x)
-    for _ in range(ROUNDS):
-        columns = [(left(x + DIFFERENCE * e) / scale - white) / DIFFERENCE for e in np.eye(n)]
-        j = np.column_stack([c if np.all(np.isfinite(c)) else np.zeros_like(c) for c in columns])
+    for _ in range(rounds):
+        j = _jacobian(left, x, scale, white)
         q, r = np.linalg.qr(j)
         size = np.sqrt(np.sum(r**2, axis=0) + 1.0)
         moved = None
@@ -146,6 +150,41 @@ def _descend(left: Callable[[Array], Array], x: Array, scale: float) -> Array:
     return x
 
 
+def _jacobian(left: Callable[..., Array], x: Array, scale: float, white: Array) -> Array:
+    steps = x + DIFFERENCE * np.eye(len(x))
+    columns = [(left(step, stable=False) / scale - white) / DIFFERENCE for step in steps]
+    return np.column_stack([c if np.all(np.isfinite(c)) else np.zeros_like(c) for c in columns])
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What every number that `calibrate` moves could still take off the free-running `error` (stacked
+    over the recordings, output units), held back by its spread."""
+
+    error: Array
+    scale: float
+    basis: Array
+
+    @classmethod
+    def of(cls, plant: Plant, recordings: Sequence[Recording]) -> Freedom:
+        whole = _Numbers(plant)
+
+        def left(x: Array, stable: bool = False) -> Array:
+            return free_running(whole.plant(x), recordings)
+
+        x = np.zeros(len(whole.names))
+        error = left(x)
+        scale = max(_rms(error), 1e-300)
+        j = _jacobian(left, x, scale, error / scale)
+        return cls(error, scale, np.linalg.qr(np.vstack([j, np.eye(len(x))]))[0])
+
+    def beyond(self, columns: Array) -> Array:
+        """Columns (N,) or (N, k) over the scale, beyond that freedom; rows of the spreads added."""
+        rows = np.zeros((len(self.basis) - len(self.error), *columns.shape[1:]))
+        whole = np.concatenate([columns / self.scale, rows])
+        return whole - self.basis @ (self.basis.T @ whole)
+
+
 class _Numbers:
     """A plant as a vector of changes in units of their spreads, zero at nominal."""
 
@@ -153,6 +192,7 @@ class _Numbers:
         self._plant, self._zpk = plant, as_zpk(plant.system)
         self._roots = [_Roots("zero", self._zpk.zeros), _Roots("pole", self._zpk.poles)]
         self._numbers = list(_numbers(plant.effects))
+        self._last: tuple[list[float], Zpk] | None = None
         names, spread = ["gain"], [GAIN]
         for roots in self._roots:
             names += roots.names
@@ -163,21 +203,26 @@ class _Numbers:
         self.names, self.spread = names, np.array(spread)
 
     def plant(self, x: Array) -> Plant:
-        changes = iter((x * self.spread).tolist())
-        gain = self._zpk.gain * float(np.exp(next(changes)))
-        zeros, poles = (roots.moved(changes) for roots in self._roots)
-        # The change of gain is one of the slow end: moved roots alone must not change it.
-        gain *= _slow(self._zpk.zeros, self._zpk.poles) / _slow(zeros, poles)
+        changes = (x * self.spread).tolist()
+        count = len(changes) - len(self._numbers)
+        if self._last is None or self._last[0] != changes[:count]:
+            self._last = changes[:count], self._system(iter(changes[:count]))
         parameters = [dict(e.parameters) for e in self._plant.effects]
-        for (index, key, _), change in zip(self._numbers, changes, strict=True):
+        for (index, key, _), change in zip(self._numbers, changes[count:], strict=True):
             parameters[index][key] = _changed(key, parameters[index][key], change)
         effects = tuple(
             EffectSpec(e.name, p, e.options)
             for e, p in zip(self._plant.effects, parameters, strict=True)
         )
+        return replace(self._plant, system=self._last[1], effects=effects)
+
+    def _system(self, changes: Iterator[float]) -> Zpk:
+        gain = self._zpk.gain * float(np.exp(next(changes)))
+        zeros, poles = (roots.moved(changes) for roots in self._roots)
+        # The change of gain is one of the slow end: moved roots alone must not change it.
+        gain *= _slow(self._zpk.zeros, self._zpk.poles) / _slow(zeros, poles)
         z = self._zpk
-        system = Zpk(zeros, poles, gain, z.sample_time, z.delay)
-        return replace(self._plant, system=system, effects=effects)
+        return Zpk(zeros, poles, gain, z.sample_time, z.delay)
 
 
 def _numbers(effects: Sequence[EffectSpec]) -> Iterator[tuple[int, str, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 
 import numpy as np
 import scipy.linalg
@@ -20,12 +21,32 @@ SPEEDS = re.compile(
 )
 
 
+REMEMBERED = 8  # systems
+_REMEMBERED: dict[tuple[int, bool], tuple[Zpk | StateSpace, Mechanics]] = {}
+_LOCK = threading.Lock()
+
+
 def is_speed(unit: str) -> bool:
     """Whether an output in this unit is a speed: rpm, rad/s, m/s, ticks/s and their like."""
     return SPEEDS.fullmatch(unit) is not None
 
 
 def mechanics_of(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
+    """`taken_apart`, remembered for the systems last asked for: a scan over numbers of effects asks
+    for one and the same system hundreds of times."""
+    key = (id(system), speed)
+    with _LOCK:
+        known = _REMEMBERED.get(key)
+    if known is None:
+        known = (system, taken_apart(system, speed))  # kept with it, the system's id stays its own
+        with _LOCK:
+            while len(_REMEMBERED) >= REMEMBERED:
+                _REMEMBERED.pop(next(iter(_REMEMBERED)))
+            _REMEMBERED[key] = known
+    return known[1]
+
+
+def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
     """Continuous-time mechanics of a discrete plant under a zero-order hold.
 
     Whole delays (poles at z = 0) are taken off and kept as delay of the command; the rest is brought

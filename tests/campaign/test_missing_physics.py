@@ -1,5 +1,6 @@
 """The circle closed, on one machine: the stall, the effects, the drop."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def test_a_wrong_diagnosis_brings_less():
 
     def wrong(model, fitted, held_out):
         assert len(fitted) == len(held_out) == 1
-        return missing
+        return replace(model, effects=missing)
 
     told = story(campaign, draw_effects(2, 180.0, 0.3), 2, wrong, before=6, after=3)
     assert told.found == missing
