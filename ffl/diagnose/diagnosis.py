@@ -45,6 +45,7 @@ LONG = 60_000  # samples in all: with more the contest looks at stretches of the
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
+WORSE = 1.2  # times the held-out nrmse before: names that leave more are not said
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 
@@ -231,6 +232,9 @@ def _conclude(
     if effects and not told and nameless.verdict == "named":
         said, place = "nothing_missing", where.Place("", "", ())
     unlike = proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
+    if effects and not proof.nrmse_after < WORSE * proof.nrmse_before and said != "unnamed":
+        said = "inconclusive"
+        place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
     if unlike:
         said = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
@@ -260,7 +264,7 @@ def _conclude(
         verdict=said,
         place=place,
         findings=findings if said not in ("unnamed", "inconclusive") else (),
-        corrections=() if maps else corrections(standing),
+        corrections=() if maps or said == "inconclusive" else corrections(standing),
         proof=proof,
         advice=_advice(said, place, experiment),
         experiment=experiment,
@@ -336,6 +340,10 @@ def _p_value(name: str, steps: list[Step]) -> float | None:
 def _advice(said: str, place: where.Place, experiment: Experiment | None) -> tuple[str, ...]:
     if said == "inconclusive" and "unlike" in place.where:
         return ("identify a linear model of this machine first: ffl identify linear",)
+    if said == "inconclusive" and "hold" in place.where:
+        return (
+            "fit and judge by recordings over the same range, or begin with ffl identify linear",
+        )
     out = [] if experiment is None else [experiment.advice]
     if said == "inconclusive":
         out.append(

@@ -230,9 +230,9 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     for f in tried[:FINISHED]:  # those that matter go on to convergence
         more = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS)
         done.append(more or f)
-    if not done:
+    top = max((_score(f, now) for f in done), default=0.0)
+    if top <= 0:
         return None
-    top = max(_score(f, now) for f in done)
     near = [f for f in done if _score(f, now) >= SIMPLER * top]
     best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, now)))
     if not _earns(best, now):
