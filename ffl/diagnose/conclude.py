@@ -1,0 +1,234 @@
+"""What a contest comes to: verdict, place, numbers, proof and advice, as one result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import scipy.stats
+from numpy.random import Generator
+
+from ffl.diagnose import sound, where
+from ffl.diagnose.advise import Experiment, plan
+from ffl.diagnose.corrections import corrections
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.judging import Judged
+from ffl.diagnose.line import slight
+from ffl.diagnose.model import Model
+from ffl.diagnose.picture import MapPicture, picture
+from ffl.diagnose.posterior import probabilities
+from ffl.diagnose.prove import prove, run_plant, with_map
+from ffl.diagnose.result import Diagnosis, Finding, Number
+from ffl.diagnose.search import Outcome, Step
+from ffl.diagnose.states import linear_share, states
+from ffl.diagnose.unnamed import Contest, compare
+from ffl.diagnose.verdict import verdict
+from ffl.effects import EFFECTS
+from ffl.errors import InputError
+from ffl.machines.simulator import Simulation
+from ffl.systems.plant import Plant
+from ffl.systems.plant_file import plant_from_dict, plant_to_dict
+
+SHORTEST = 200  # samples: fewer cannot tell physics from noise
+WORSE = 1.2  # times the held-out nrmse before: names that leave more are not said
+UNLIKE = 0.5  # nrmse of the best model above which it is another machine
+
+
+def conclude(
+    model: Plant,
+    nominal: Model,
+    before: Sequence[Simulation],
+    held: Scene,
+    standing: Judged,
+    outcome: Outcome,
+    health: sound.Soundness,
+    notes: list[str],
+    rng: Generator,
+) -> Diagnosis:
+    """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
+    recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
+    nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.model, rng)
+    maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
+    fitted = replace((maps.model if maps else standing.model).plant(), name=model.name)
+    running = plant_from_dict(plant_to_dict(fitted))
+    observed = model.controller is None and fitted.controller is not None
+    augmented = replace(running, controller=None) if observed else running
+    after = [run_plant(running, trial) for trial in held.trials]
+    quiet = nameless.winner.scene if nameless.winner else standing.scene
+    proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, running, observed)
+    if maps:
+        proof = with_map(proof, held, maps)
+    effects = standing.model.effects
+    said, place = verdict(model, standing, nameless)
+    told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
+    if effects and not told and nameless.verdict == "named":
+        said, place = "nothing_missing", where.Place("", "", ())
+    another = proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
+    if effects and not proof.nrmse_after < WORSE * proof.nrmse_before and said != "unnamed":
+        said = "inconclusive"
+        place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
+    if another:
+        said = "inconclusive"
+        place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
+    raw = quiet.residuals(nominal) or []
+    maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
+    left = (maps.residuals(quiet) if maps else quiet.residuals(standing.model)) or []
+    maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
+    if said != "nothing_missing":
+        motions = [nominal.simulate(trial).motion() for trial in quiet.trials]
+        place = replace(
+            place,
+            frequency_band_hz=where.band(maps_before),
+            time_s=where.stretches(maps_before),
+            linear_share=linear_share(quiet, raw) if raw else None,
+            states=states(quiet.whiten(raw), motions) if raw else (),
+        )
+    experiment = None
+    if said != "nothing_missing" and not another and not observed:
+        with suppress(InputError):  # limits too narrow for any move or wave
+            experiment = plan(standing.scene, standing.fit, outcome, nameless)
+    findings = tuple(
+        _finding(standing, index, outcome, model, said == "explained") for index in told
+    )
+    return Diagnosis(
+        plant=model,
+        augmented=augmented,
+        verdict=said,
+        place=place,
+        findings=findings if said not in ("unnamed", "inconclusive") else (),
+        corrections=() if maps or said == "inconclusive" else corrections(standing),
+        proof=proof,
+        advice=_advice(said, place, experiment),
+        experiment=experiment,
+        soundness=health,
+        steps=tuple(outcome.steps),
+        judged=standing,
+        maps_before=maps_before,
+        maps_after=maps_after,
+        notes=tuple(notes),
+        nameless=nameless,
+        pictures=_pictures(nameless),
+        forces=where.forces(standing.scene, standing.model) if effects and not maps else None,
+    )
+
+
+def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
+    winner = nameless.winner
+    if winner is None:
+        return ()
+    said = dict(enumerate(nameless.formulas))
+    drawn = [
+        picture(winner.scene, winner.free, k, said.get(k)) for k in range(len(winner.free.parts))
+    ]
+    return tuple(p for p in drawn if p is not None)
+
+
+def _finding(
+    standing: Judged, index: int, outcome: Outcome, plant: Plant, complete: bool
+) -> Finding:
+    spec = standing.model.effects[index]
+    effect = EFFECTS[spec.name]
+    spreads = dict(zip(standing.model.coordinates, standing.fit.spread, strict=True))
+    numbers = {}
+    for name, value in spec.parameters.items():
+        unit = effect.parameter(name).unit_in(plant)
+        error = None
+        for c, spread in spreads.items():
+            if c.kind == "effect" and c.effect == index and c.name == name and c.place is None:
+                error = float(spread * value if c.log else spread)
+        numbers[name] = Number(value, unit, error)
+    shares = probabilities(spec.name, outcome.contenders, complete)
+    own = shares.pop(spec.name)
+    others = sorted(shares.items(), key=lambda item: -item[1])
+    return Finding(
+        spec.name,
+        effect.component,
+        numbers,
+        spec.options,
+        own,
+        _p_value(spec.name, outcome.steps),
+        effect.says(effect.check(spec), plant),
+        tuple((name, p) for name, p in others if p > 1e-3)[:4],
+    )
+
+
+def _round_of(name: str, steps: list[Step]) -> Step | None:
+    for step in steps:
+        if step.accepted is not None and step.accepted.model.names[-1] == name:
+            return step
+    return None
+
+
+def _p_value(name: str, steps: list[Step]) -> float | None:
+    """Likelihood ratio of the fitted recordings, for the free numbers it added."""
+    step = _round_of(name, steps)
+    if step is None or step.accepted is None:
+        return None
+    ratio = 2.0 * (step.accepted.fitted - step.before.fitted)
+    freedom = max(1, step.accepted.freedom - step.before.freedom)
+    return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
+
+
+def _advice(said: str, place: where.Place, experiment: Experiment | None) -> tuple[str, ...]:
+    if said == "inconclusive" and "unlike" in place.where:
+        return ("identify a linear model of this machine first: ffl identify linear",)
+    if said == "inconclusive" and "hold" in place.where:
+        return (
+            "fit and judge by recordings over the same range, or begin with ffl identify linear",
+        )
+    out = [] if experiment is None else [experiment.advice]
+    if said == "inconclusive":
+        out.append(
+            "what is left is louder than the noise that the plant file states, and nothing of the "
+            "catalogue explains it: record standstill for the noise, and slow moves with reversals"
+        )
+    if said == "unnamed" and experiment is None:
+        out.append(
+            "record the same move twice: what comes back is the machine, what does not is not"
+        )
+    return tuple(out)
+
+
+def _ended(model: Plant, health: sound.Soundness, where_: str, component: str, advice: str):  # type: ignore[no-untyped-def]
+    return Diagnosis(
+        plant=model,
+        augmented=model,
+        verdict="inconclusive",
+        place=where.Place(component, where_, ()),
+        findings=(),
+        corrections=(),
+        proof=None,
+        advice=(advice,),
+        soundness=health,
+        steps=(),
+        judged=None,
+    )
+
+
+def faulty(model: Plant, health: sound.Soundness) -> Diagnosis:
+    fault = health.faults[0]
+    component = {"controller": "controller", "shift": "timing"}.get(fault.kind, "sensor")
+    return _ended(
+        model,
+        health,
+        f"{fault.recording}: {fault.where}",
+        component,
+        f"{fault.where}: {fault.mend}",
+    )
+
+
+def too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
+    return _ended(
+        model, health, "the length of the recording", "environment",
+        f"{samples} samples cannot tell physics from noise: record at least {SHORTEST}, some seconds "
+        "of motion with reversals",
+    )  # fmt: skip
+
+
+def unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:
+    return _ended(
+        model, health, why, "plant",
+        "identify a linear model of this machine first: ffl identify linear",
+    )  # fmt: skip
