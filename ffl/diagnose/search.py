@@ -28,13 +28,12 @@ from ffl.diagnose.judging import (
     raw_error,
     raw_residuals,
 )
+from ffl.diagnose.ladders import overlooked, with_best_start
 from ffl.diagnose.line import crosses
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import Candidate, Screen, orthonormal
+from ffl.diagnose.screen import Candidate, Screen
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
-from ffl.systems.plant import EffectSpec
-from ffl.systems.state_space import Array
 
 SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
@@ -44,7 +43,6 @@ SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
 GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
 PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
-COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
@@ -151,7 +149,8 @@ def contest(
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
             pliable = [c for c in fresh if c.spec.name in PLIABLE]
-            entrants += shortlist([c for c in fresh if c not in pliable] if reserve else pliable)
+            listed = shortlist([c for c in fresh if c not in pliable] if reserve else pliable)
+            entrants += listed + overlooked(quiet, base, fresh, listed)
         for first in promising(quiet, base, entrants):
             rival = judge(quiet, held, first.model, 6, first)
             side = rival.model.effects[-1].options.get("side", "sensor")
@@ -207,63 +206,6 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
         fits.append(fit(with_clocks(quiet, start, 1), start, rounds=GLIMPSE, known=known))
     most = max((cost - f.cost for f in fits), default=0.0)
     return [f for f in fits if cost - f.cost >= PROMISING * most]
-
-
-LADDERS = {  # where the cost is not convex: the parameter, and factors on what the screen proposes
-    "backlash": ("gap", np.geomspace(0.02, 50.0, 16)),
-    "presliding_friction": ("stiffness", np.geomspace(0.05, 20.0, 7)),
-    "hysteresis": ("displacement", np.geomspace(0.2, 5.0, 5)),
-    "saturation": ("limit", np.linspace(0.8, 1.2, 15)),
-    "sensor_nonlinearity": ("level", np.linspace(0.93, 1.07, 15)),
-    "dead_zone": ("half_width", np.geomspace(0.3, 3.0, 6)),
-    "flexible_mode": ("mass_fraction", np.geomspace(0.2, 5.0, 5)),
-}
-
-
-def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
-    """The model of `like` with the effect, in the form and with its decisive parameter at the rung
-    of a ladder of simulations that leave least, whatever the numbers fitted in `like` can mend
-    beside it."""
-    model = like.model
-    forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
-    values = [spec.parameters]
-    if spec.name in LADDERS and LADDERS[spec.name][0] in spec.parameters:
-        name, factors = LADDERS[spec.name]
-        bounds = EFFECTS[spec.name].parameter(name)
-        rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
-        rungs = np.clip(rungs, bounds.lower, bounds.upper)
-        values += [{**spec.parameters, name: float(value)} for value in rungs]
-    tried = [
-        replace(spec, parameters=p, options={**spec.options, **form})
-        for form in forms
-        for p in values
-    ]
-    starts = [model.with_effect(s) for s in tried]
-    starts = [start.at(start.theta) for start in starts]  # within bounds
-    if len(starts) == 1:
-        return starts[0]
-    basis = orthonormal(scene.whiten_stacked(like.columns))
-    costs = []
-    for start in starts:
-        residuals = scene.residuals(start)
-        if residuals is None:
-            costs.append(np.inf)
-            continue
-        white = scene.whiten(residuals)
-        mended = basis.T @ white
-        costs.append(float(white @ white - mended @ mended))
-    return starts[int(np.argmin(costs))]
-
-
-def _measured_levels(scene: Scene, name: str) -> Array:
-    """Levels at which a limit would show in what was measured: of u as sent, which goes beyond a
-    limit, and of y as seen, which ends there."""
-    if name == "saturation":
-        u = np.abs(np.concatenate([t.u for t in scene.trials]))
-        return np.quantile(u[np.isfinite(u)], COMMANDS) if np.isfinite(u).any() else np.zeros(0)
-    if name == "sensor_nonlinearity":
-        return np.quantile(np.abs(np.concatenate([t.y for t in scene.trials])), [0.98, 0.999])
-    return np.zeros(0)
 
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company
