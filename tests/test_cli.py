@@ -154,6 +154,24 @@ def test_a_reference_file_is_checked(mistake, write_campaign, refuse, tmp_path):
     refuse("run", path, says=says)
 
 
+def test_a_folder_is_no_reference_and_an_open_model_learns_no_closed_machine(
+    write_campaign, refuse, tmp_path
+):
+    path = write_campaign()
+    text = path.read_text()
+    head, tail = text[: text.index("[reference]")], text[text.index("[[runs]]") :]
+    (tmp_path / "log").mkdir()
+    (tmp_path / "x.toml").write_text(f'{head}[reference]\nkind = "file"\nfile = "log"\n{tail}')
+    refuse("check", tmp_path / "x.toml", says="recording 'log': is a folder")
+    refuse("inspect", "nothing.csv", says="no such file")
+    model = tmp_path / "model.toml"
+    kept = model.read_text()
+    first = kept.index("[controller]")
+    last = min(at for mark in ("[physics]", "[machine]") if (at := kept.find(mark, first)) > 0)
+    model.write_text(kept[:first] + kept[last:])
+    refuse("check", path, says=("has no [controller]", "copy the [controller]"))
+
+
 def test_a_missing_recording_says_where_it_was_looked_for(write_campaign, refuse, tmp_path):
     text = write_campaign().read_text()
     head, tail = text[: text.index("[reference]")], text[text.index("[[runs]]") :]
@@ -223,6 +241,10 @@ def test_run_report_export_inspect_rerun(write_campaign, tmp_path, capfd, monkey
     assert capfd.readouterr().out.count("same") == 3
     assert execute(["report", "runs/small", "--out", "again.html"]) == 0
     assert (tmp_path / "again.html").read_text() == (folder / "report.html").read_text()
+    assert execute(["report", "runs/small", "--out", "pages"]) == 0  # no ending: a folder
+    assert (tmp_path / "pages" / "report.html").is_file()
+    assert execute(["report", "runs/small", "runs/small", "--out", "pages"]) == 0
+    assert (tmp_path / "pages" / "comparison.html").is_file()
     capfd.readouterr()
     for kind in ("json", "c", "mat", "csv"):
         out = tmp_path / f"f.{kind}"

@@ -109,6 +109,11 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
     machine = _in_file(path, "machine", lambda: load_plant(form.machine or form.model, folder))
     _in_file(path, "model", model.require_stable)
     _in_file(path, "machine", machine.require_stable)
+    if model.controller is None and machine.controller is not None:
+        raise InputError(
+            f"{path}: model '{model.name}' has no [controller] and machine '{machine.name}' has one: "
+            "the update would take the loop for open; copy the [controller] into the model"
+        )
     if abs(machine.sample_time / model.sample_time - 1.0) > 1e-9:
         raise InputError(
             f"{path}: machine '{machine.name}' has sample_time = {machine.sample_time:g} s, model "

@@ -25,6 +25,8 @@ def find_recording(text: str, folder: Path) -> Path:
     for base in folders:
         if (base / name).is_file():
             return Path(f"{base / name}::{part}") if part else base / name
+    if Path(name).is_dir() or (folder / name).is_dir():
+        raise InputError(f"recording '{text}': is a folder; give a file in it")
     places = ", ".join(dict.fromkeys(str(base) for base in folders))
     raise InputError(
         f"recording '{text}': no such file (looked in {places}); set FFL_DATA to the folder of the "

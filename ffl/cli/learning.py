@@ -75,7 +75,11 @@ def report(
     """One report from one or more finished runs."""
     from ffl.report.learning import print_summary, write_report
 
-    target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("comparison.html"))
+    name = "report.html" if len(folders) == 1 else "comparison.html"
+    if out is None:
+        target = folders[0] / name if len(folders) == 1 else Path(name)
+    else:  # a folder, or a file by its ending
+        target = out / name if out.is_dir() or out.suffix == "" else out
     write_report(folders, target)
     print_summary(folders)
     print(f"\nreport: {target}")
@@ -151,7 +155,11 @@ def inspect(
         return
     from ffl.report.terminal import print_table
 
-    print_table(["what", "value"], [[k, v] for k, v in facts.items()])
+    told = {
+        k: ", ".join(str(item) for item in v) if isinstance(v, list) else v
+        for k, v in facts.items()
+    }
+    print_table(["what", "value"], [[k, v] for k, v in told.items()])
 
 
 @app.command()

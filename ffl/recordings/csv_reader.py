@@ -111,7 +111,8 @@ def _load(
                 f"{path}: line {skipped + line + 1} has {cells} columns, the lines before have "
                 f"{expected}; {mend}"
             )
-    decimal_comma = separator == ";" and b"," in first
+    # Anywhere in the body: a machine at rest may write its first rows without decimals.
+    decimal_comma = separator != "," and b"," in body
     untouched = text.as_on_disk and not decimal_comma
     # numpy reads a file by its own buffer 2.5 times faster than lines out of memory.
     stream = path if untouched else io.StringIO(_decoded(body, text, decimal_comma))
@@ -146,7 +147,7 @@ def _named(
     columns: list[int],
 ) -> InputError:
     """Which cell numpy's reader could not take."""
-    decimal_comma = separator == ";"
+    decimal_comma = separator != ","
     lines = _decoded(body, text, decimal_comma).split("\n")
     # numpy says the row, give or take one by its version; the rest is searched only if it errs.
     hint = re.search(r"at row (\d+)", str(error))

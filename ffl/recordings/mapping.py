@@ -167,8 +167,10 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
 
 def mapping_beside(path: Path) -> Mapping | None:
     """The mapping NAME.map.toml that lies beside the recording NAME.ext, where there is one."""
-    for name in (f"{path.stem}.map.toml", f"{path.name}.map.toml"):
-        beside = path.with_name(name)
-        if beside.is_file():
-            return load_mapping(beside)
-    return None
+    file = mapping_file_beside(path)
+    return None if file is None else load_mapping(file)
+
+
+def mapping_file_beside(path: Path) -> Path | None:
+    names = (f"{path.stem}.map.toml", f"{path.name}.map.toml")
+    return next((p for name in names if (p := path.with_name(name)).is_file()), None)

@@ -17,6 +17,7 @@ from ffl.recordings.mapping import (
     Term,
     load_mapping,
     mapping_beside,
+    mapping_file_beside,
 )
 from ffl.recordings.readers import open_table
 from ffl.recordings.recording import Array, Recording
@@ -61,9 +62,15 @@ def read_recording(
     if name is not None and name not in known:
         said = suggest(name, known) if known else "its mapping names none"
         raise InputError(f"{path}: no recording '{name}'; {said}")
-    table = open_table(path, rules.header, rules.skip_lines)
     part = rules.part(name or (known[0] if known else None))
-    return _build(table, rules, part, bool(known), sample_time, check)
+    try:
+        table = open_table(path, rules.header, rules.skip_lines)
+        return _build(table, rules, part, bool(known), sample_time, check)
+    except InputError as error:
+        used = mapping_file_beside(path) if mapping is None else None
+        if used is None:
+            raise
+        raise InputError(f"{error} (the mapping is {used}, which lies beside it)") from None
 
 
 def read_recordings(

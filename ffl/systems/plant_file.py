@@ -179,8 +179,18 @@ def _is_tag(form: Any, tag: str) -> bool:
 
 def explain(error: ValidationError, form: Any, file: str) -> InputError:
     """The first finding of pydantic as one line: file, key, what is wrong, how to mend."""
-    finding = sorted(error.errors(), key=lambda f: f["type"] != "extra_forbidden")[0]
-    path, known = _place(form, tuple(finding["loc"]))
+    # A wrong tag is the cause; that its keys are then unknown to the other members follows from it.
+    order = ("union_tag_invalid", "union_tag_not_found", "extra_forbidden")
+    finding = min(error.errors(), key=lambda f: (*order, f["type"]).index(f["type"]))
+    location = tuple(step for step in finding["loc"] if "tagged-union" not in str(step))
+    path, known = _place(form, location)
+    if finding["type"] in order[:2]:
+        tag = finding["ctx"]["discriminator"].strip("'")
+        tags = [t.strip(" '") for t in finding["ctx"].get("expected_tags", "").split(",") if t]
+        if not tags:
+            return InputError(f"{file}: key '{path}.{tag}' is missing; add it")
+        given = str(finding["ctx"]["tag"])
+        return InputError(f"{file}: {path}.{tag} = '{given}': {suggest(given, tags)}")
     if finding["type"] == "extra_forbidden":
         name = str(finding["loc"][-1])
         others = [key for key in known if key != name]
@@ -217,7 +227,7 @@ def shipped_plants() -> Path:
 def find_plant(name_or_path: str | os.PathLike[str], folder: Path | None = None) -> Path:
     """A bare name among the shipped plants, or a path from `folder`, then the working directory."""
     text = os.fspath(name_or_path)
-    bare = "/" not in text and os.sep not in text and not text.endswith(".toml")
+    bare = "/" not in text and os.sep not in text and Path(text).suffix == ""
     tried: list[Path] = []
     if bare:
         tried.append(shipped_plants() / f"{text}.toml")

@@ -131,6 +131,9 @@ def _text(separator=",", end="\n", comma=False):
         _text("\t").encode(),
         _text(" ").encode(),
         _text(";", comma=True).encode(),
+        _text("\t", comma=True).encode(),
+        _text(" ", comma=True).encode(),
+        _text(";", comma=True).replace("0,00;0,5;0,25", "0;5e-1;25e-2").encode(),  # at rest first
         _text().encode("utf-8-sig"),
         _text().encode("utf-16"),
         _text().encode("utf-16-le"),

@@ -42,6 +42,11 @@ def rules(path, text):
     return path
 
 
+def test_a_mapping_that_lies_beside_is_named_where_it_does_not_fit(mat):
+    with pytest.raises(InputError, match=r"no column 'log.s'.*the mapping is .*lab.map.toml"):
+        read_recording(rules(mat, BASE.replace("log.ms", "log.s")))
+
+
 def test_scale_offset_index_product_and_sum(mat):
     x = read_recording(rules(mat, BASE))
     k = np.arange(50.0)

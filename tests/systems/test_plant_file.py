@@ -52,6 +52,9 @@ def test_zeros_of_the_kernel_papers_loop():
         (BASE.replace("gain", "gian"), r"unknown key 'plant.gian'; did you mean 'gain'"),
         (BASE.replace('name = "x"', 'nmae = "x"'), r"unknown key 'nmae'; did you mean 'name'"),
         (BASE.replace("gain = 1.0", ""), r"'plant.gain' is missing"),
+        (BASE.replace('form = "zpk"', 'form = "zpkk"'), r"plant.form = 'zpkk': did you mean"),
+        (BASE.replace('form = "zpk"', ""), r"'plant.form' is missing"),
+        (BASE + '[controller]\nform = "tf"\n', r"controller.form = 'tf': known: czpk, ss, zpk"),
         (BASE.replace("0.01", "-0.01"), r"sample_time = -0.01"),
         (
             BASE.replace("[0.5]", "[[0.5, 0.1]]"),
