@@ -44,9 +44,14 @@ FINALISTS = 3  # of them, fitted on
 GLIMPSE = 2  # steps of an entrant's fit
 MOST = 4  # effects
 WAVES = 3  # periods of a cogging that are fitted
-PLAIN = "coulomb_friction"
+FORMS = {  # of one physics: the plain one is named first, the others take its place in the end
+    "coulomb_friction": sorted(DRY - {"coulomb_friction", "position_dependent_friction"}),
+    "viscous_friction": ["quadratic_drag"],
+    "linear_stiffness": ["hardening_spring"],
+}
 POINT = ("side", "mass_ratio")  # options that say where a force acts
-BARRED = (DRY - {PLAIN}) | {"drift", "periodic_disturbance", "backlash"}  # no first name
+PLIABLE = {"position_dependent_friction", "drift", "periodic_disturbance", "backlash"}
+BARRED = PLIABLE.union(*FORMS.values())  # no first name
 
 
 @dataclass(frozen=True)
@@ -244,19 +249,15 @@ class _Desk:
         return self.better(tried, [(*effects[:k], s, *effects[k + 1 :]) for s in specs])
 
     def formed(self, tried: Tried) -> Tried:
-        """Friction in its other forms, at its place."""
+        """Every effect in the other forms of its physics, at its place."""
         for k, old in enumerate(tried.plant.effects):
-            if old.name != PLAIN:
-                continue
             effects = tried.plant.effects
             others = (*effects[:k], *effects[k + 1 :])
-            forms = self.screen(replace(tried.plant, effects=others))
-            found = [
-                c.spec
-                for c in forms.candidates(sorted(DRY - {PLAIN, "position_dependent_friction"}))
-                if _at(c.spec) == _at(old)
-            ]
-            tried = self.better(tried, [(*others, s) for s in found], WORTH)
+            if old.name in FORMS and self.mismatch(tried):
+                seen = self.screen(replace(tried.plant, effects=others)).candidates(FORMS[old.name])
+                found = [c.spec for c in seen if _at(c.spec) == _at(old)]
+                each = [(*effects[:k], s, *effects[k + 1 :]) for s in found]
+                tried = self.better(tried, each, WORTH)
         return tried
 
     def better(
