@@ -8,8 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from ffl.campaign import load_campaign
-from ffl.campaign.missing_physics import COGGING, FRICTION, draw_effects, last, story
-from ffl.report.missing_physics import error_norms, table, write
+from ffl.campaign.missing_physics import COGGING, FRICTION, diagnosed, draw_effects, last, story
+from ffl.report.missing_physics import error_norms, exactly_named, named, table, write
 from ffl.systems import EffectSpec
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "printer_with_missing_physics.toml"
@@ -66,11 +66,24 @@ def test_a_wrong_diagnosis_brings_less():
     assert told.drop < 0.6
 
 
+@pytest.mark.slow
+def test_friction_cable_and_cogging_are_named_from_the_scans():
+    effects = draw_effects(0, 180.0, 0.3)
+    told = story(load_campaign(CAMPAIGN), effects, 0, diagnosed, before=8, after=3)
+    assert exactly_named(told)
+    drawn = {e.name: e.parameters for e in effects}
+    for effect in told.found:
+        for key in {"level", "amplitude", "period", "stiffness"} & set(effect.parameters):
+            assert effect.parameters[key] == pytest.approx(drawn[effect.name][key], rel=0.02)
+    assert told.drop > 0.95
+
+
 def test_the_report_states_every_machine(told, tmp_path):
     write([told], tmp_path, "# before", "after")
     text = (tmp_path / "missing_physics.md").read_text()
     assert f"{100 * told.drop:.1f} %" in text
     assert table([told]) in text
+    assert named([told]) in text
     assert (tmp_path / "missing_physics.png").stat().st_size > 10000
     axes = error_norms([told], Figure().subplots())
     assert axes.get_ylabel() == "2-norm of the error (m)"
