@@ -173,7 +173,7 @@ def contest(
             worthy = [r for r in worthy if not crosses(quiet, r.model)]
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
-        if accepted is None and reserve and _calls_for(reserve, base, screened, least):
+        if accepted is None and reserve and set(base.model.names) & DRY:
             reserve, standing, last_error, again = frozenset(), base, np.inf, True
             continue
         if accepted is None:
@@ -220,17 +220,9 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
 )
 
 
-# So many free numbers that they imitate two plain effects at once: tried once no plain one earns more.
+# So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
+# no plain one earns more, and only where plain dry friction, their mean, has earned its place.
 PLIABLE = frozenset({"position_dependent_friction"})
-
-
-def _calls_for(
-    reserve: frozenset[str], base: Judged, screened: Sequence[Candidate], least: float
-) -> bool:
-    """Something that the reserve may take the place of, or that it alone could explain."""
-    if set(base.model.names) & DRY:
-        return True
-    return any(c.spec.name in reserve and c.gain > least for c in screened)
 
 
 def _excluded(model: Model) -> set[str]:

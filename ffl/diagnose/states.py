@@ -14,6 +14,18 @@ from ffl.systems.state_space import Array
 
 SEGMENTS = 8  # of a recording, for coherence
 LEAST = 100  # samples of a state that are worth a figure
+LOUDER = 1.5  # times the mean power: a state that what is left goes with
+VARIABLES = {  # what tells a state
+    "standstill and slow motion": "velocity",
+    "fast motion": "velocity",
+    "forward": "direction",
+    "backward": "direction",
+    "hard acceleration": "acceleration",
+    "large commands": "command",
+    "low end of the stroke": "position",
+    "middle of the stroke": "position",
+    "high end of the stroke": "position",
+}
 
 
 @dataclass(frozen=True)
@@ -71,3 +83,8 @@ def states(white: Array, motions: Sequence[Motion]) -> tuple[State, ...]:
         if mask.sum() > LEAST and whole > 0
     ]
     return tuple(sorted(out, key=lambda s: -s.power))
+
+
+def goes_with(found: Sequence[State]) -> tuple[str, ...]:
+    """The variables that tell the states in which a residual is clearly louder than in the mean."""
+    return tuple(dict.fromkeys(VARIABLES[s.name] for s in found if s.power > LOUDER))

@@ -6,13 +6,15 @@ import numpy as np
 
 from ffl.diagnose import where
 from ffl.diagnose.freeform import FreeForm, words
-from ffl.diagnose.judging import Judged
+from ffl.diagnose.judging import Judged, effective
 from ffl.diagnose.noise import Noise, Paths
+from ffl.diagnose.states import goes_with, states
 from ffl.diagnose.unnamed import Contest, component_of
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
 
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
+WHITE = 0.25  # of the samples independent: a residual with fewer is structure, not noise
 STRUCTURED = 1.5  # mean square of the whitened held-out residual above which structure remains
 
 
@@ -26,6 +28,8 @@ def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, wher
         names = [EFFECTS[e.name] for e in effects]
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on)
+        if contest.verdict == "named" and coloured(standing):
+            return "partly_explained", _left(standing, names[0].component, said, depends)
         if contest.verdict == "named":
             place = where.Place(names[0].component, said, tuple(depends))
             return ("explained" if chi2 < STRUCTURED else "partly_explained"), place
@@ -39,6 +43,24 @@ def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, wher
     if excess > LOUD:
         return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
     return "nothing_missing", where.Place("", "", ())
+
+
+def coloured(standing: Judged) -> bool:
+    """Taken as white noise at the output for want of a better one, and far from white: whatever it is,
+    it is no noise."""
+    white = standing.fit.white
+    return standing.scene.plain and effective(white) < WHITE * len(white)
+
+
+def _left(standing: Judged, component: str, said: str, depends: dict[str, None]) -> where.Place:
+    """The place of what was named, with the variables that go with what it leaves."""
+    motions = [standing.model.simulate(trial).motion() for trial in standing.scene.trials]
+    left = goes_with(states(standing.fit.white, motions))
+    return where.Place(
+        component,
+        f"{said}; what is left: {where.phrase(left)}",
+        tuple(depends | dict.fromkeys(left)),
+    )
 
 
 def _nameless(contest: Contest) -> where.Place:

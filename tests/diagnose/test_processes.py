@@ -12,6 +12,7 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.linear import corrections_of
 from ffl.diagnose.model import Base, Model
+from ffl.diagnose.states import State, goes_with
 from ffl.diagnose.trials import stretches
 from ffl.diagnose.unfold import looks_folded, unfolded
 from ffl.effects import is_speed, mechanics_of
@@ -157,3 +158,36 @@ def test_static_controller_is_checked_and_diagnosed():
     )
     answer = diagnose(plant, [recording]).answer()
     assert answer["verdict"] == "nothing_missing"
+
+
+def test_the_variables_of_what_is_left_follow_from_its_loud_states():
+    found = (
+        State("high end of the stroke", 2.7),
+        State("large commands", 2.6),
+        State("forward", 1.2),
+    )
+    assert goes_with(found) == ("position", "command")
+
+
+def test_a_process_without_noise_to_speak_of_is_not_explained_while_its_residual_is_slow():
+    """A tank that empties through an orifice and a sensor that clips: the clipping is named, the
+    outflow is not in the catalogue, and no friction takes its place."""
+    step, rng = 4.0, np.random.default_rng(5)
+
+    def tank(n):
+        u = np.repeat(rng.uniform(0.8, 4.2, n // 25), 25)
+        lag, level, y = u[0], 4.0, np.empty(n)
+        for k in range(n):
+            y[k] = min(level, 10.0)
+            for _ in range(8):
+                lag += step / 8 * 0.05 * (u[k] - lag)
+                level = max(level + step / 8 * (0.06 * lag - 0.07 * np.sqrt(level)), 0.05)
+        return open_loop(u, y + 0.01 * rng.standard_normal(n) * (y < 10.0), step)
+
+    system = Zpk([], [0.82, 0.95], 0.0164 * 0.9, step)
+    load = EffectSpec("constant_load", {"force": -1.3})
+    model = Plant("tank", system, input_unit="V", output_unit="V", effects=(load,))
+    answer = diagnose(model, [tank(800)], [tank(800)]).answer()
+    names = {e["name"] for e in answer["effects"]}
+    assert not any("friction" in name for name in names)
+    assert answer["verdict"] != "explained"
