@@ -60,8 +60,10 @@ def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
             costs.append(np.inf)
             continue
         white = scene.whiten(residuals)
-        mended = basis.T @ white
-        costs.append(float(white @ white - mended @ mended))
+        with np.errstate(over="ignore", invalid="ignore"):  # a start that runs away
+            mended = basis.T @ white
+            cost = float(white @ white - mended @ mended)
+        costs.append(cost if np.isfinite(cost) else np.inf)
     return starts[int(np.argmin(costs))]
 
 

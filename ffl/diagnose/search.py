@@ -257,9 +257,11 @@ def settle(
         if without.score > current.score - KEEP and len(current.model.effects) > 1:
             current = without
             continue
-        before = sorted(tried_before.get(name, ()), key=lambda pair: -pair[1].score)[1:]
-        others = [(name, current), *before]
-        only = PLIABLE if name in tried_before else None
+        before = sorted(tried_before.get(name, ()), key=lambda pair: -pair[1].score)
+        if before and abs(before[0][1].fitted - current.fitted) > SUBSTITUTE:
+            before = []  # the company has changed since
+        others = [(name, current), *before[1:]]
+        only = PLIABLE if before else None
         for c in challengers(quiet, current, index, steps, reserve, only):
             start = with_best_start(quiet, c.like, c.spec)
             other = judge(quiet, held, start, 4, c.like)
