@@ -148,8 +148,8 @@ def story(
 def diagnosed(
     model: Plant, recordings: Sequence[Recording], held_out: Sequence[Recording]
 ) -> Plant:
-    """The augmented plant that the diagnosis of large effects makes of recordings from rest."""
-    return large_effects(model, recordings, held_out).plant
+    """The model with the effects that the diagnosis of large effects finds in recordings from rest."""
+    return replace(model, effects=large_effects(model, recordings, held_out).plant.effects)
 
 
 def _rng(noise: SeedSequence, number: int) -> np.random.Generator:

@@ -43,6 +43,7 @@ ENTRANTS = 6  # effects of a round that are fitted; the three leading ones at ev
 FINALISTS = 3  # of them, fitted on
 GLIMPSE = 2  # steps of an entrant's fit
 MOST = 4  # effects
+BRANCHES = 2  # other ways that are tried
 WAVES = 3  # periods of a cogging that are fitted
 FORMS = {  # of one physics: the plain one is named first, the others take its place in the end
     "coulomb_friction": sorted(DRY - {"coulomb_friction", "position_dependent_friction"}),
@@ -112,18 +113,13 @@ def large_effects(
     before = desk.measured(model)
     linear = desk.measured(calibrate(model, recordings).plant)
     desk.tell(linear)
-    standing, rounds = linear, []
-    while len(standing.plant.effects) < MOST and desk.mismatch(standing):
-        known = replace(standing, plant=standing.plant if standing.plant.effects else model)
-        tried = desk.round(known)
-        rounds.append(tuple(tried))
-        if not tried or tried[0].cost > BETTER * standing.cost:
+    rounds: list[tuple[Tried, ...]] = []
+    standing = desk.forward(linear, rounds)
+    for other in _branches(rounds):
+        if not desk.mismatch(standing):
             break
-        best = tried[0] if known.plant.effects else desk.placed(tried[0], 0)
-        standing = desk.scanned_again(best)
-        desk.tell(standing)
-        if not desk.mismatch(whole := desk.calibrated(standing.plant)):
-            standing = whole
+        desk.say(f"once more from {other.names}")
+        standing = min(standing, desk.forward(other, rounds), key=lambda t: t.cost)
     if standing.plant.effects:
         standing = desk.pruned(standing)
         for k in range(len(standing.plant.effects)):
@@ -140,6 +136,21 @@ class _Desk:
     recordings: Sequence[Recording]
     validation: Sequence[Recording]
     say: Callable[[str], None]
+
+    def forward(self, standing: Tried, rounds: list[tuple[Tried, ...]]) -> Tried:
+        """One effect after the other, until nothing is left or nothing brings more."""
+        while len(standing.plant.effects) < MOST and self.mismatch(standing):
+            known = standing.plant if standing.plant.effects else self.model
+            tried = self.round(replace(standing, plant=known))
+            rounds.append(tuple(tried))
+            if not tried or tried[0].cost > BETTER * standing.cost:
+                break
+            best = tried[0] if known.effects else self.placed(tried[0], 0)
+            standing = self.scanned_again(best)
+            self.tell(standing)
+            if not self.mismatch(whole := self.calibrated(standing.plant)):
+                standing = whole
+        return standing
 
     def tell(self, tried: Tried, indent: str = "") -> None:
         sides = "/".join(str(e.options.get("side", "")) for e in tried.plant.effects)
@@ -280,6 +291,15 @@ class _Desk:
                 self.tell(without, f"  without {old.name}: ")
                 tried = without
         return tried
+
+
+def _branches(rounds: Sequence[Sequence[Tried]]) -> list[Tried]:
+    """What came next in the second round, the first of every other name: where the way of the best
+    ends with something left, the right one may begin there."""
+    first: dict[str, Tried] = {}
+    for tried in rounds[1] if len(rounds) > 1 else ():
+        first.setdefault(tried.plant.effects[-1].name, tried)
+    return list(first.values())[1 : 1 + BRANCHES]
 
 
 def _at(effect: EffectSpec) -> dict[str, Any]:
