@@ -285,6 +285,13 @@ def test_init_gives_a_campaign_that_runs(tmp_path, capfd, refuse):
     refuse("init", folder, says="exists and is not empty")
 
 
+def test_new_refuses_what_is_in_the_catalogue(tmp_path, capfd, refuse):
+    refuse("new", "effect", "cogging", says="in the catalogue already")
+    refuse("new", "basis", "fir", says="in the catalogue already")
+    assert execute(["new", "effect", "belt_wave", "--out", str(tmp_path)]) == 0
+    assert "import BeltWave from ffl.effects.belt_wave" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("what", ["plant", "basis", "effect"])
 def test_new_files_are_sound(what, tmp_path, capfd, refuse):
     import runpy
@@ -373,6 +380,24 @@ def test_identify_writes_its_answer(method, stage_recording, tmp_path, capfd):
         assert abs(found / expected - 1).max() < 0.1
     else:
         assert [tap["lag"] for tap in answer["taps"]] == [-3, -2, -1, 0, 1, 2, 3]
+
+
+def test_identify_says_what_feedback_alone_teaches(stage_recording, tmp_path, capfd):
+    """No f: a regression of u on y then finds minus the controller as soon as there is noise."""
+    import numpy as np
+
+    from ffl.machines import SimulatedMachine
+    from ffl.recordings import write_recording
+    from ffl.systems import Move, load_plant, moves
+
+    plant = load_plant(tmp_path / "machine.toml")
+    r = moves([Move(0.1, 0.05, 0.3, 3.0, 100.0)], 0.6, plant.sample_time)
+    trial = SimulatedMachine(plant).run(r, np.zeros(len(r)), np.random.default_rng(0))
+    write_recording(trial, tmp_path / "fed_back.csv")
+    for file, told in ((stage_recording, False), (tmp_path / "fed_back.csv", True)):
+        command = ["identify", "least_squares", "--data", str(file), "--n-ac", "3", "--n-c", "3"]
+        assert execute([*command, "--out", str(tmp_path / "found")]) == 0
+        assert ("minus the controller" in capfd.readouterr().out) is told
 
 
 def test_identify_refuses_in_one_line(stage_recording, refuse):

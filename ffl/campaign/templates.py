@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from ffl.errors import InputError
@@ -139,13 +140,25 @@ def new_file(what: str, name: str, folder: Path) -> tuple[Path, str]:
     path = folder / f"{name}{'.toml' if what == 'plant' else '.py'}"
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name or folder")
+    if what != "plant" and name in _registered(what):
+        raise InputError(f"{what} '{name}': in the catalogue already; choose another name")
     cls = "".join(part.capitalize() for part in name.split("_"))
     write_text(path, KINDS[what].format(name=name, cls=cls))
     if what == "plant":
         return path, ""
     home, table = ("bases", "BASES") if what == "basis" else ("effects", "EFFECTS")
     entry = f'"{name}": {cls}' if what == "basis" else f"{cls}()"
-    return path, f"put it into ffl/{home}/ and add {entry} to {table} in ffl/{home}/__init__.py"
+    return path, (
+        f"put it into ffl/{home}/; in ffl/{home}/__init__.py import {cls} from "
+        f"ffl.{home}.{name} and add {entry} to {table}"
+    )
+
+
+def _registered(what: str) -> Collection[str]:
+    from ffl.bases import BASES
+    from ffl.effects import EFFECTS
+
+    return BASES if what == "basis" else EFFECTS
 
 
 def init_folder(folder: Path) -> list[Path]:

@@ -34,10 +34,11 @@ def identify(
 ) -> None:
     """Identify an inverse system, or a forward linear model as a plant file, from recordings."""
     from ffl.report.identify import identify_with_report
-    from ffl.report.terminal import print_table
+    from ffl.report.terminal import print_table, working
 
     orders = order or range(1, 9)
-    answer = identify_with_report(method, data, map, model, basis, n_ac, n_c, list(orders), out)
+    with working(f"identify {method}"):
+        answer = identify_with_report(method, data, map, model, basis, n_ac, n_c, list(orders), out)
     if json:
         print_json(answer)
         return
@@ -47,6 +48,9 @@ def identify(
             print_table(list(value[0]), [[row.get(k) for k in value[0]] for row in value])
         elif not isinstance(value, (list, dict)):
             print(f"{name}: {value:.6g}" if isinstance(value, float) else f"{name}: {value}")
+    if out is not None:
+        used = "plant.toml" if method == "linear" else "basis.toml"
+        print(f"\nfor a campaign: {out / used}\nreport: {out / 'report.html'}")
 
 
 @app.command()

@@ -104,13 +104,13 @@ def step(
 ) -> None:
     """One learning step on a real machine's recording: next feedforward and new state."""
     from ffl.report.step import step_with_report
+    from ffl.report.terminal import print_table, working
 
-    answer = step_with_report(model, basis, trial, out, map, state, check or (), check_map)
+    with working("step"):
+        answer = step_with_report(model, basis, trial, out, map, state, check or (), check_map)
     if json:
         print_json(answer)
         return
-    from ffl.report.terminal import print_table
-
     rows = [[p["name"], p["value"], p["std_error"]] for p in answer["parameters"]]
     print_table(["parameter", "value", "std error"], rows)
     for name, entry in answer.get("documented", {}).items():

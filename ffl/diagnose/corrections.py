@@ -8,6 +8,10 @@ from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.result import ModelCorrection
 
+# A damping that is nothing but rounding (a free mass from czpk poles at 0: 1e-12/s) is no measure of
+# what was found: beyond a hundred times the stated one the number is given as it is.
+HUNDREDFOLD = 100.0
+
 
 def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
     """Numbers of the plant file that were found otherwise by three standard errors or more; a slight
@@ -20,15 +24,17 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
             out += _of_stated(standing.model, c.effect, c.name, spread, c.log)
         if c.kind == "effect" and slight(spec := standing.model.effects[c.effect], plant):
             value = float(spec.parameters[c.name]) / plant.sample_time
-            out.append(ModelCorrection(spec.name, value, float(spread / plant.sample_time)))
+            error = float(spread / plant.sample_time)
+            out.append(ModelCorrection(spec.name, value, error, "samples"))
         if c.kind != "correction":
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))
         if abs(value) < 3.0 * spread:
             continue
-        scale = 1.0 / damping if c.name == "damping" and damping > 0 else 1.0
-        if c.name == "damping" and damping <= 0:
+        if c.name == "damping" and abs(value) > HUNDREDFOLD * damping:
+            out.append(ModelCorrection(c.name, value, float(spread), "1/s"))
             continue
+        scale = 1.0 / damping if c.name == "damping" else 1.0
         out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))
     return tuple(out)
 

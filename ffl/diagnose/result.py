@@ -50,6 +50,7 @@ class ModelCorrection:
     name: str
     relative: float
     std_error: float
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,7 @@ class Diagnosis:
             "effects": [_finding(f) for f in self.findings],
             "model_corrections": [
                 _clean({"name": c.name, "relative": c.relative, "std_error": c.std_error})
+                | ({"unit": c.unit} if c.unit else {})
                 for c in self.corrections
             ],
         }

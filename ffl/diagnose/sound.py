@@ -142,11 +142,15 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
     left, (k,), _ = eq.left(eq.u, [eq.f + eq.by_r - eq.by_y])
     if left < good:
         if abs(k + 1) < 0.05:
-            return fault("sign", "the sign of u", "u has the opposite sign: flip it in the mapping")
+            return fault(
+                "sign", "the sign of u",
+                "u has the opposite sign: flip it in the mapping, or exchange r and y",
+            )  # fmt: skip
         if abs(np.log10(abs(k))) > 0.9:
             return fault(
                 "unit", "the unit of u",
-                f"u is {k:.4g} times what the controller gives: correct its unit in the mapping",
+                f"u is {k:.4g} times what the controller gives: correct its unit, or that of r and y, "
+                "in the mapping",
             )  # fmt: skip
     # y: sign or unit.
     left, (a, b), _ = eq.left(eq.u - eq.f, [eq.by_r, -eq.by_y])

@@ -80,7 +80,10 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         for rival in e["alternatives"]:
             print(f"    or {rival['name']} ({rival['confidence']:.2f})")
     for c in answer["model_corrections"]:
-        print(f"  model correction {c['name']}: {100 * c['relative']:+.3g} %")
+        said = (
+            f"{c['relative']:+.3g} {c['unit']}" if "unit" in c else f"{100 * c['relative']:+.3g} %"
+        )
+        print(f"  model correction {c['name']}: {said}")
     if answer["location"].get("where"):
         print(f"  where: {answer['location']['where']}")
     if answer["location"].get("formula"):
@@ -160,8 +163,8 @@ def _overview(page: Page, d: Diagnosis) -> None:
     if d.corrections:
         page.heading("Corrections of the linear model")
         page.table(
-            ["number", "relative change", "standard error"],
-            [[c.name, c.relative, c.std_error] for c in d.corrections],
+            ["number", "change", "standard error", "unit"],
+            [[c.name, c.relative, c.std_error, c.unit or "of nominal"] for c in d.corrections],
         )
     if d.proof is not None:
         facts = [("nrmse before", d.proof.nrmse_before), ("nrmse after", d.proof.nrmse_after)]

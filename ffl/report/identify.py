@@ -222,6 +222,21 @@ METHODS: dict[str, Callable[[Task], Found]] = {
 }
 
 
+BY_REGRESSION = ("least_squares", "kernel", "rational", "bayes")
+FED_BACK = (
+    "the recording is of a closed loop with little or no f: noise of y reaches u through the "
+    "controller, and a regression of u on y then leans towards minus the controller; trust "
+    "`identify instrumental` (--model with its controller, --basis), or excite through f"
+)
+
+
+def _fed_back(recording: Recording) -> bool:
+    """Whether u is mostly what a controller made of r - y."""
+    if np.ptp(recording.r) == 0 or "u" in recording.missing:
+        return False
+    return float(np.std(recording.f)) < 0.5 * float(np.std(recording.u))
+
+
 def _page(method: str, recording: Recording) -> Page:
     page = Page(
         f"Identification: {method}",
@@ -273,6 +288,9 @@ def identify_with_report(
     )
     found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders)))
     answer: dict[str, Any] = {"schema": 1, "method": method, **finite(found.facts)}
+    if method in BY_REGRESSION and _fed_back(recordings[0]):
+        answer["note"] = FED_BACK
+        found.page.section("Closed loop").note(FED_BACK)
     if out is not None:
         write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
         if found.plant is not None:

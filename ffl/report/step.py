@@ -62,6 +62,7 @@ def step_with_report(
     step = learn_from_recording(
         model, basis, recording, weights, constraints, previous, form.update
     )
+    _require_sound(model, recording)
     if step.report.status == "infeasible":
         raise InputError(f"{basis_path}: constraints: {step.report.message}")
     answer = _answer(step, form.documented, number + 1)
@@ -98,6 +99,14 @@ def step_with_report(
     page.write(out / "report.html")
     write_text(out / "state.json", json.dumps(new_state, indent=1, allow_nan=False) + "\n")
     return answer
+
+
+def _require_sound(model: Plant, recording: Recording) -> None:
+    """A wrong unit, sign or controller would be learned as feedforward; it is refused instead."""
+    from ffl.diagnose.sound import soundness
+
+    for fault in soundness(model, [recording]).faults:
+        raise InputError(f"{fault.recording}: {fault.where}: {fault.mend}")
 
 
 def _read_state(path: Path, names: list[str]) -> tuple[int, Array]:

@@ -228,3 +228,20 @@ def test_emps_teaches_its_mass_and_friction(file, map, bound):
     basis = make_basis([*BASIS, {"kind": "friction"}], T)
     step = learn_from_recording(load_plant("emps"), basis, recording, Weights(1.0, 1e-20))
     np.testing.assert_allclose(step.theta + step.servo, [95.1, 203.5, 20.4], rtol=bound)
+
+
+def test_a_trial_in_another_unit_is_refused(tmp_path, capfd):
+    trial = recorded(servo(90.0), motion())
+    wrong = Recording(trial.t, trial.r, trial.f, trial.u, 1e3 * trial.y, sample_time=T)
+    write_recording(wrong, tmp_path / "trial.csv")
+    (tmp_path / "basis.toml").write_text(
+        'basis = [{ kind = "derivatives", orders = ["acceleration"] }]\n'
+        "weights = { error = 1.0, feedforward = 1e-20 }\n"
+    )
+    code = execute(
+        ["step", "--model", "emps", "--basis", str(tmp_path / "basis.toml"), "--trial",
+         str(tmp_path / "trial.csv"), "--out", str(tmp_path / "out")]
+    )  # fmt: skip
+    assert code == 2
+    assert "the unit of y" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -41,3 +41,24 @@ def test_no_bar_where_nobody_looks(quiet, monkeypatch):
     with terminal.progress("learning", 10, quiet) as advance:
         advance(1, "first")
     assert screen.getvalue() == ""
+
+
+def test_work_of_unknown_length_is_silent_off_a_terminal(capfd):
+    from ffl.report.terminal import working
+
+    with working("identify"):
+        pass
+    assert capfd.readouterr() == ("", "")
+
+
+def test_work_of_unknown_length_shows_a_bar_after_a_while(monkeypatch, capfd):
+    import sys
+    import time
+
+    from ffl.report import terminal
+
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(terminal, "PATIENCE", 0.0)
+    with terminal.working("identify kernel"):
+        time.sleep(0.3)
+    assert "identify kernel" in capfd.readouterr().err

@@ -1,0 +1,50 @@
+"""Corrections of the linear model: what unit each is told in."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from ffl.diagnose.corrections import corrections
+from ffl.diagnose.model import Coordinate
+from ffl.effects import mechanics_of
+from ffl.systems import EffectSpec, Plant, Zpk
+
+T = 1e-3
+
+
+def standing(pole, values, effects=()):  # type: ignore[no-untyped-def]
+    """A judged model with the named corrections, each known to a tenth."""
+    plant = Plant("mass", Zpk([-1.0], [1.0, pole], 5e-8, T), None)
+    base = SimpleNamespace(
+        plant=plant, simulator=SimpleNamespace(mechanics=mechanics_of(plant.system))
+    )
+    coordinates = [Coordinate("correction", name) for name in values]
+    coordinates += [
+        Coordinate("effect", name, effect=k)
+        for k, effect in enumerate(effects)
+        for name in effect.parameters
+    ]
+    spread = [0.1 * abs(value) for value in values.values()] + [1e-6] * len(effects)
+    model = SimpleNamespace(
+        base=base, coordinates=coordinates, corrections=values, effects=tuple(effects)
+    )
+    return SimpleNamespace(model=model, fit=SimpleNamespace(spread=spread))
+
+
+def test_damping_is_relative_where_the_plant_has_some():
+    found = corrections(standing(0.999, {"mass": 0.01, "damping": 0.1}))  # type: ignore[arg-type]
+    assert [(c.name, c.unit) for c in found] == [("mass", ""), ("damping", "")]
+    assert found[1].relative == pytest.approx(0.1, rel=0.01)  # d = 1/s
+
+
+@pytest.mark.parametrize("pole", [1.0, 1.0 - 1e-14])
+def test_damping_of_a_free_mass_is_told_as_it_is(pole):
+    (found,) = corrections(standing(pole, {"damping": -0.4}))  # type: ignore[arg-type]
+    assert (found.relative, found.unit) == (-0.4, "1/s")
+
+
+def test_a_slight_delay_is_told_in_samples():
+    delay = EffectSpec("input_delay", {"delay": 5e-5})
+    (found,) = corrections(standing(0.999, {}, [delay]))  # type: ignore[arg-type]
+    assert found.relative == pytest.approx(0.05)
+    assert found.unit == "samples"
