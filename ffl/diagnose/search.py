@@ -20,6 +20,7 @@ from ffl.diagnose.friction_table import refined
 from ffl.diagnose.judging import (
     PER_NUMBER,
     QUIET,
+    SHARE,
     Judged,
     earns,
     judge,
@@ -274,7 +275,13 @@ def settle(
         current = others[0][1]
         for rival, other in others[1:]:
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
-        worthy = [pair for pair in others[1:] if earns(pair[1], alone, 0.0)]
+        share = SHARE * len(current.fit.white)  # the pliable must say more, not fit a little better
+        worthy = [
+            (rival, other)
+            for rival, other in others[1:]
+            if earns(other, alone, 0.0)
+            and (rival not in PLIABLE or name in PLIABLE or other.score > current.score + share)
+        ]
         best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
         fewer = [p for p in worthy if _plainer(p[1], current)]
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
