@@ -33,7 +33,7 @@ def error_norms(stories: Sequence[Story], ax: Any, words: str = "diagnosed, cali
     stall = float(np.median([s.stall for s in stories]))
     low = min(min(s.after) for s in stories)
     ax.axvline(before + 0.5, color=INK, lw=0.8, ls=":")
-    ax.annotate("the stall", (before, 1.4 * stall), color=COLOURS[1], ha="right")
+    ax.annotate("the stall", (before, 0.4 * stall), color=COLOURS[1], ha="right")
     ax.annotate(words, (before + 0.65, 1.5), rotation=0, color=INK, va="center")
     ax.annotate(
         "", (before + 0.8, 1.3 * low), (before + 0.8, stall), arrowprops={"arrowstyle": "->"}
