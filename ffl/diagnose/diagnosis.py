@@ -21,7 +21,7 @@ from ffl.diagnose.plain import too_loud, weighed
 from ffl.diagnose.result import Diagnosis
 from ffl.diagnose.search import contest
 from ffl.diagnose.starts import with_starts
-from ffl.diagnose.trials import commanded, prepare, stretches
+from ffl.diagnose.trials import blocks, commanded, prepare, stretches
 from ffl.diagnose.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
 from ffl.errors import InputError
 from ffl.recordings import Recording, shared_clock
@@ -77,7 +77,7 @@ def diagnose(
     base = Base.of(model, max(float(np.ptp(r.y)) for r in everything))
     prior, floor = _prior(model, base, recordings)
     if not validation:
-        recordings, validation = _blocks(recordings)
+        recordings, validation = blocks(recordings)
         notes.append("no validation recording was given: the last 30 % of each recording judged")
     short, short_held = stretches(recordings, LONG), stretches(validation, LONG)
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
@@ -177,10 +177,3 @@ def _first_noise(scene: Scene, residuals: Sequence[np.ndarray], prior: Noise) ->
     return fit_noise(
         scene.loop, residuals, prior, quantile=0.2, coloured=False, floor=scene.floor, belief=belief
     )
-
-
-def _blocks(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
-    """The first 70 % of every recording, and the rest."""
-    cuts = [int(0.7 * len(r)) for r in recordings]
-    pairs = list(zip(recordings, cuts, strict=True))
-    return [r[:cut] for r, cut in pairs], [r[cut:] for r, cut in pairs]

@@ -267,7 +267,10 @@ def settle(
             start = with_best_start(quiet, c.like, c.spec)
             other = judge(quiet, held, start, 4, c.like)
             if other.score > current.score - HOPELESS * (current.score - without.score):
-                other = refined(quiet, held, judge(quiet, held, other.model, 8, other.fit), say)
+                other = judge(quiet, held, other.model, 8, other.fit)
+                coarse, plain = levelled([other, current])
+                if c.spec.name not in PLIABLE or coarse.score > plain.score:
+                    other = refined(quiet, held, other, say)
             others.append((c.spec.name, other))
         names, tried = zip(*others, strict=True)
         *tried, alone = levelled([*tried, without])

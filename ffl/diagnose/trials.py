@@ -14,6 +14,8 @@ from ffl.systems.loop import Controller
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 
+SPAN = 0.01  # s over which speed is read from y
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -58,8 +60,28 @@ def stretches(recordings: Sequence[Recording], most: int, pieces: int = 4) -> li
         length = max(len(r) * most // (2 * total * pieces), min(len(r) // pieces, 1000))
         for k in range(pieces):
             start = k * (len(r) - length) // (pieces - 1)
+            start = in_motion(r, start, length // 8) if k else 0
             out.append(r[start : start + length])
     return out
+
+
+def blocks(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """About the first 70 % of every recording, and the rest."""
+    cuts = [in_motion(r, int(0.7 * len(r)), len(r) // 20) for r in recordings]
+    pairs = list(zip(recordings, cuts, strict=True))
+    return [r[:cut] for r, cut in pairs], [r[cut:] for r, cut in pairs]
+
+
+def in_motion(recording: Recording, sample: int, reach: int) -> int:
+    """Where within `reach` of `sample` y changes fastest: what holds a machine at standstill, or just
+    let it go, is not known at a cut; in motion friction is on one side."""
+    span = max(1, min(reach // 4, round(SPAN / recording.sample_time)))
+    low, high = max(span, sample - reach), min(len(recording) - span, sample + reach + 1)
+    if high - low < 2:
+        return sample
+    y = recording.y
+    speed = np.abs(y[low + span : high + span] - y[low - span : high - span])
+    return low + int(np.argmax(speed))
 
 
 def commanded(plant: Plant, recording: Recording) -> Recording:
