@@ -80,6 +80,8 @@ def diagnose(
         print_json(answer)
     else:
         print_answer(answer)
+        if out is not None:
+            print(f"\nreport: {out / 'report.html'}")
 
 
 @app.command()

@@ -35,6 +35,12 @@ def check_recording(
     sampling = check_time(recording.t, source, where)
     found = sampling.sample_time if "t" not in recording.missing else recording.sample_time
     if sample_time is not None and not accepts(found, sample_time):
+        for unit, scale in (("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)):
+            if accepts(found * scale, sample_time):
+                raise InputError(
+                    f"{source}: the sample time is {found:.6g} s, not {sample_time:.6g} s: t is in "
+                    f"{unit}; give t a scale = {scale:g} in a mapping"
+                )
         raise InputError(
             f"{source}: the sample time is {found:.6g} s, not {sample_time:.6g} s (accepted within "
             "0.1 %); resample the recording or correct its time column"

@@ -102,6 +102,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
             )
     for line in answer["advice"]:
         print(f"  advice: {line}")
+    for line in answer.get("notes", ()):
+        print(f"  note: {line}")
 
 
 def _plain(value: Any) -> bool:

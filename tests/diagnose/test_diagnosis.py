@@ -111,6 +111,8 @@ def test_a_command_that_was_not_recorded_follows_from_the_controller(stage, reco
 
 
 def test_numbers_are_printed_with_their_errors(coulomb, capsys):  # type: ignore[no-untyped-def]
-    print_answer(coulomb.answer())
+    print_answer({**coulomb.answer(), "notes": ["nothing judged"]})
     level = coulomb.answer()["effects"][0]["parameters"]["level"]
-    assert f"± {level['std_error']:.2g} N" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"± {level['std_error']:.2g} N" in said
+    assert "note: nothing judged" in said

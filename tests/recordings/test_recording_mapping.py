@@ -5,7 +5,7 @@ import pytest
 import scipy.io
 
 from ffl.errors import InputError
-from ffl.recordings import load_mapping, read_recording, read_recordings, soundness
+from ffl.recordings import check_recording, load_mapping, read_recording, read_recordings, soundness
 from ffl.systems.plant_file import load_plant, shipped_plants
 
 
@@ -45,6 +45,14 @@ def rules(path, text):
 def test_a_mapping_that_lies_beside_is_named_where_it_does_not_fit(mat):
     with pytest.raises(InputError, match=r"no column 'log.s'.*the mapping is .*lab.map.toml"):
         read_recording(rules(mat, BASE.replace("log.ms", "log.s")))
+
+
+def test_time_in_milliseconds_is_told_from_another_sample_time(mat):
+    file = rules(mat, BASE.replace('"log.ms", scale = 0.001', '"log.ms"'))
+    with pytest.raises(InputError, match=r"t is in ms; give t a scale = 0.001"):
+        check_recording(read_recording(file), 0.002)
+    with pytest.raises(InputError, match="resample the recording"):
+        check_recording(read_recording(file), 0.003)
 
 
 def test_scale_offset_index_product_and_sum(mat):
