@@ -81,7 +81,8 @@ def learn_from_recording(
     if np.linalg.norm(injection) > 1e-6 * max(float(np.linalg.norm(recording.f)), 1e-300):
         notes.append(
             "the recorded f holds more than the basis with the last parameters: the rest is taken "
-            "as a known injection of that trial, which the next one does not repeat"
+            "as a known injection of that trial, which the next one does not repeat; where the trial "
+            "ran without the feedforward of the step before, leave --state out"
         )
     error = recording.r - recording.y
     # What the nominal loop alone would leave for this reference belongs to e_0: it stays in.
