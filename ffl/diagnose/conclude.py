@@ -49,7 +49,7 @@ def conclude(
 ) -> Diagnosis:
     """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
     recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
-    nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.model, rng)
+    nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.fit, rng)
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
     fitted = replace((maps.model if maps else standing.model).plant(), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))

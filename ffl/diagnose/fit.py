@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from ffl.diagnose.whitening import Whitener
 from ffl.errors import InputError
 from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
+
+if TYPE_CHECKING:
+    from ffl.diagnose.doubt import Doubt
 
 WORST = 1e30
 Key = tuple[str, str, int, tuple[str, int] | None]
@@ -34,6 +38,7 @@ class Scene:
     worth: float = 1.0  # of a sample, in log-likelihood: less where what is left stays coloured
     plain: bool = False  # no filter of force noise describes what is left: taken as white at y
     loudest: Noise | None = None  # what white noise can be at most, where it is stated
+    doubt: Doubt | None = None  # of recordings that judge: what the fitted ones left open
     slowest: float = SLOWEST  # Hz: lowest corner of coloured noise; what is slower is physics
 
     @cached_property
@@ -71,6 +76,11 @@ class Scene:
 
     def whiten(self, residuals: Sequence[Array]) -> Array:
         return np.concatenate([w(e) for w, e in zip(self.whiteners, residuals, strict=True)])
+
+    def judge(self, residuals: Sequence[Array], known: Array | None = None) -> Array:
+        """Whitened residuals of recordings that judge, corrections granted what is open of them."""
+        white = self.whiten(residuals)
+        return white if self.doubt is None else self.doubt.settled(self, white, known)
 
     def whiten_stacked(self, columns: Array) -> Array:
         """Columns (N, k) over all recordings, whitened together: many at once cost little more

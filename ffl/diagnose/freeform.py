@@ -168,10 +168,11 @@ def _judged(scene: Scene, held: Scene | None, free: FreeModel, gain: float) -> F
         runs = [free.simulate(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
-        white = judged.whiten([t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r])
         known = np.concatenate([_known(free, r[0].x, judged) for r in runs if r])
         if np.mean(known) < LEAST_KNOWN:
             known = np.ones_like(known)
+        left = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
+        white = judged.judge(left, known)
     return FreeForm(free, scene, gain, scene.whiten(residuals), white, known)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
@@ -21,6 +22,10 @@ SHARE = 0.004  # of the number of samples: log-likelihood that a further effect 
 CLEARLY = 1.25  # times the held-out mean square: enough where little of it is independent
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 BINS = 4096  # frequencies over which noise is summed up
+# On 150 nulls two effects came in with 37 and 43 nats fitted and 1 and -4 held out, two with 3 fitted
+# and 90 and 180 held out:
+CONFIRMED = 4.0  # log-likelihood that held-out recordings must gain from a first effect, else
+UNCONFIRMED = 60.0  # the score that it must bring
 LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 
@@ -85,7 +90,7 @@ def judge(
     residuals = raw_residuals(scene, first.model)
     own = scene.with_noise_of(residuals)
     white = own.whiten(residuals)
-    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first.model), held)
+    return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first), held)
 
 
 def raw_residuals(scene: Scene, model: Model) -> list[Array]:
@@ -93,20 +98,21 @@ def raw_residuals(scene: Scene, model: Model) -> list[Array]:
     return residuals if residuals is not None else [np.full(len(t), 1e3) for t in scene.trials]
 
 
-def held_out(held: Scene | None, scene: Scene, model: Model) -> tuple[float, Array]:
+def held_out(held: Scene | None, scene: Scene, fitted: Fit) -> tuple[float, Array]:
     """(log-likelihood, whitened residual) of recordings that nothing was fitted to.
 
     All rivals of a round are whitened alike and the scale is free, -n/2 log(mean square) with n the
     effective number of samples: a held-out recording that shows something of its own (a faster
-    edge, say) must not make every better model look worse because its noise is smaller.
+    edge, say) must not make every better model look worse because its noise is smaller. Nor must
+    chance in corrections that the fitted recordings leave open (`doubt`).
     """
     if held is None or not held.trials:
         return 0.0, np.zeros(0)
-    judged = replace(held, noise=scene.noise)
-    residuals = judged.residuals(model)
+    judged = judged_by(replace(held, noise=scene.noise), fitted)
+    residuals = judged.residuals(fitted.model)
     if residuals is None:
         return -np.inf, np.zeros(0)
-    white = judged.whiten(residuals)
+    white = judged.judge(residuals)
     return -0.5 * effective(white) * float(np.log(np.mean(white**2))), white
 
 
@@ -171,6 +177,24 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
         drop = _mean_square(base) / _mean_square(rival)
         if held < SHARE * len(base.held_white) and drop < CLEARLY and not sure:
             return False
-    # Fitted under the least noise and scored under its own, a rival may seem to lose a little there.
-    least = LEAST if held < LEAST / BOTH else -BOTH * held
-    return rival.score - base.score > threshold and fitted > least and (held > -LEAST / 2 or sure)
+    if threshold and len(base.held_white) and held < CONFIRMED and not sure:
+        threshold = max(threshold, UNCONFIRMED)
+    if rival.score - base.score <= threshold or not (held > -LEAST / 2 or sure):
+        return False
+    if fitted > LEAST:
+        return True
+    # Fitted under the least noise and scored under its own, a rival may seem to lose a little there:
+    # then it must gain under the noise that it leaves itself, and not by luck on what judges alone.
+    lost = fitted > -BOTH * held and held > LEAST / BOTH
+    return lost and _under_its_noise(rival, base) > max(LEAST, BOTH * held)
+
+
+def _under_its_noise(rival: Judged, base: Judged) -> float:
+    """What `rival` gains in the fitted recordings, free numbers charged, under its own noise."""
+    quiet = replace(base.scene, noise=rival.scene.noise)
+    left = quiet.residuals(base.model)
+    if left is None:
+        return np.inf
+    before, after = quiet.whiten(left), rival.scene.whiten(raw_residuals(rival.scene, rival.model))
+    gained = 0.5 * quiet.worth * float(before @ before - after @ after)
+    return gained - PER_NUMBER * (rival.freedom - base.freedom)

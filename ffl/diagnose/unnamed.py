@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
+from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.events import Events, events
-from ffl.diagnose.fit import Scene
+from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
@@ -51,15 +52,18 @@ class Contest:
 
 
 def compare(
-    scene: Scene, held: Scene | None, nominal: Model, standing: Model, rng: Generator
+    scene: Scene, held: Scene | None, nominal: Model, found: Fit, rng: Generator
 ) -> Contest:
-    """The standing names against maps alone, and beside maps."""
+    """The names that were `found` against maps alone, and beside maps."""
+    standing = found.model
     named = bool(standing.effects)
     if scene.plain:  # no noise model to judge a map by
         return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
     left, before = scene.residuals(standing), scene.residuals(nominal)
     if left is None or before is None:
         return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
+    if held is not None and held.trials:
+        held = judged_by(held, found)
     bursts, loud = events(scene, left), _loudness(scene, standing, left)
     if named and (bursts.found or loud > QUIET_ENOUGH):
         # What sticks and slips answers noise in bursts, louder than the loop alone would make it.
@@ -68,8 +72,8 @@ def compare(
         bursts = replace(bursts, limit=max(bursts.limit, LOUDER * usual))
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     calm = loud < QUIET_ENOUGH and not bursts.found
-    found = free_form(scene, held, nominal)
-    alone = found[-1] if found and found[-1].parts else None
+    maps = free_form(scene, held, nominal)
+    alone = maps[-1] if maps and maps[-1].parts else None
     gains = _gains(scene, held, standing, alone) if alone else (0.0, 0.0)
     if not named:
         if alone:
@@ -80,8 +84,8 @@ def compare(
     if calm and not winning:
         return Contest("named", alone, None, *gains, bursts)
     only = [p.term.name for p in alone.parts] if alone and winning else []
-    found = free_form(scene, held, standing, names=only)
-    beside = found[-1] if found and found[-1].parts else None
+    maps = free_form(scene, held, standing, names=only)
+    beside = maps[-1] if maps and maps[-1].parts else None
     nearly = alone if alone and winning and _nearly(scene, held, nominal, standing, alone) else None
     if alone and winning and not nearly and not _better(beside, alone, nominal, held):
         return _described(Contest("unnamed", alone, beside, *gains, bursts), rng)
@@ -114,7 +118,7 @@ def _gains(
     left = judged.residuals(standing)
     if left is None:
         return fitted, np.inf
-    return fitted, held_gain(judged.whiten(left), alone.held_white, alone.known)
+    return fitted, held_gain(judged.judge(left, alone.known), alone.held_white, alone.known)
 
 
 def _nearly(
@@ -131,7 +135,7 @@ def _nearly(
             return False
         whole, some, least = (
             float(np.mean(x[known] ** 2))
-            for x in (ground.whiten(none), ground.whiten(named), white)
+            for x in (ground.judge(none, known), ground.judge(named, known), white)
         )
         if whole - some < NEARLY * (whole - least):
             return False
@@ -151,11 +155,11 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
         without, nothing = alone.free.residuals(scene), scene.residuals(nominal)
         if without is None or nothing is None:
             return True
-        if held_gain(scene.whiten(without), white, known) < MARGIN:
+        if held_gain(scene.judge(without, known), white, known) < MARGIN:
             return False
         whole, some, none = (
             float(np.mean(x[known] ** 2))
-            for x in (scene.whiten(nothing), scene.whiten(without), white)
+            for x in (scene.judge(nothing, known), scene.judge(without, known), white)
         )
         if some - none < EARNED * (whole - none):
             return False

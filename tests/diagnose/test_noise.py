@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose.doubt import judged_by
+from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.imitate import believable, imitated
+from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise, spectrum
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.whitening import Whitener
@@ -107,3 +110,21 @@ def test_noise_beyond_what_the_plant_file_states_is_not_imitated(stage):  # type
     assert np.hypot(capped.force, capped.force_coloured) == pytest.approx(0.015)
     quiet = Noise(1e-8, 0.001)
     assert believable(quiet, stated) == quiet
+
+
+def test_chance_in_corrections_is_granted_when_another_recording_judges(stage, record):  # type: ignore[no-untyped-def]
+    simulator = Simulator(stage)
+    trials = tuple(prepare(simulator, r, 1e-7) for r in record(stage))
+    noise = Noise(2e-7, stage.machine.force_noise)
+    base = Model(Base.of(stage, 0.1))
+    scene, held = (Scene(stage.loop, (t,), noise) for t in trials)
+    found = fit(scene, base)
+    off = base.at(found.model.theta + 2.0 * found.spread)  # two standard errors away, by chance
+    judged = judged_by(held, found)
+    best, chance = (held.whiten(held.residuals(m)) for m in (found.model, off))
+    granted = judged.judge(held.residuals(off))
+    assert chance @ chance > best @ best
+    assert granted @ granted < best @ best + 0.3 * (chance @ chance - best @ best)
+    wrong = base.at(found.model.theta + 200.0 * found.spread)  # far beyond what was left open
+    far = judged.judge(held.residuals(wrong))
+    assert far @ far > 10.0 * (granted @ granted)

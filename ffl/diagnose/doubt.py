@@ -1,0 +1,70 @@
+"""What the fitted recordings leave open about the linear model, granted when another one judges.
+
+A mode that the fitted recordings hardly excite is corrected by chance, within its standard error. A
+held-out recording that does excite it then shows a mismatch that is no physics, and every rival whose
+corrections fell otherwise seems to explain it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Fit, Scene
+from ffl.systems.state_space import Array
+
+OPEN = 1e6  # standard deviations of belief: what the data see no better than this they do not see
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """`columns` (N, k): d yhat/d correction on the held-out recordings; `root` (k, k): square root of
+    the corrections' posterior precision, root' root = covariance^-1 + belief."""
+
+    columns: Array
+    root: Array
+
+    @classmethod
+    def of(cls, held: Scene, fit: Fit) -> Doubt | None:
+        """None where nothing is free, or a moved model runs away."""
+        model = fit.model
+        chosen = [k for k, c in enumerate(model.coordinates) if c.kind == "correction"]
+        base = held.residuals(model)
+        if not chosen or base is None or not fit.jacobian.size:
+            return None
+        columns = []
+        for k in chosen:
+            c, moved = model.coordinates[k], model.theta.copy()
+            step = c.step if moved[k] + c.step <= c.upper else -c.step
+            moved[k] += step
+            residuals = held.residuals(model.at(moved))
+            if residuals is None:
+                return None
+            columns.append(
+                np.concatenate([(a - b) / step for a, b in zip(base, residuals, strict=True)])
+            )
+        belief = np.array([model.coordinates[k].doubt for k in chosen])
+        belief = np.where(np.isfinite(belief), belief, 1.0)
+        share = fit.covariance[np.ix_(chosen, chosen)] / np.outer(belief, belief)
+        values, vectors = np.linalg.eigh(np.nan_to_num(share, nan=OPEN**2, posinf=OPEN**2))
+        root = np.sqrt(1.0 / np.maximum(values, 1e-18) + 1.0)[:, None] * vectors.T / belief
+        return cls(np.column_stack(columns), root)
+
+    def settled(self, held: Scene, white: Array, known: Array | None = None) -> Array:
+        """`white` (N,), the whitened held-out residual, less what corrections within their posterior
+        take off: white - J d with d least in |white - J d|^2 + |root d|^2 over the rows `known`."""
+        j = held.whiten_stacked(self.columns)
+        if not np.all(np.isfinite(j)):
+            return white
+        rows = slice(None) if known is None else known
+        table = np.vstack([j[rows], self.root])
+        right = np.append(white[rows], np.zeros(len(self.root)))
+        scale = np.maximum(np.linalg.norm(table, axis=0), 1e-150)
+        q, r = np.linalg.qr(table / scale)
+        return white - (j / scale) @ np.linalg.lstsq(r, q.T @ right, rcond=1e-12)[0]
+
+
+def judged_by(held: Scene, fit: Fit) -> Scene:
+    """`held` with the doubt that `fit` leaves."""
+    return replace(held, doubt=Doubt.of(held, fit))
