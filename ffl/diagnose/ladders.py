@@ -19,16 +19,6 @@ COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples b
 SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
-LADDERS = {  # where the cost is not convex: the parameter, and factors on what the screen proposes
-    "backlash": ("gap", np.geomspace(0.02, 50.0, 16)),
-    "presliding_friction": ("stiffness", np.geomspace(0.05, 20.0, 7)),
-    "hysteresis": ("displacement", np.geomspace(0.2, 5.0, 5)),
-    "saturation": ("limit", np.linspace(0.8, 1.2, 15)),
-    "sensor_nonlinearity": ("level", np.linspace(0.93, 1.07, 15)),
-    "dead_zone": ("half_width", np.geomspace(0.3, 3.0, 6)),
-    "flexible_mode": ("mass_fraction", np.geomspace(0.2, 5.0, 5)),
-}
-
 
 def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
     """The model of `like` with the effect, in the form and with its decisive parameter at the rung
@@ -37,8 +27,9 @@ def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
     model = like.model
     forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
     values = [spec.parameters]
-    if spec.name in LADDERS and LADDERS[spec.name][0] in spec.parameters:
-        name, factors = LADDERS[spec.name]
+    ladder = EFFECTS[spec.name].ladder
+    if ladder and ladder[0] in spec.parameters:
+        name, factors = ladder
         bounds = EFFECTS[spec.name].parameter(name)
         rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
         rungs = np.clip(rungs, bounds.lower, bounds.upper)
@@ -81,7 +72,7 @@ def _measured_levels(scene: Scene, name: str) -> Array:
 def overlooked(
     quiet: Scene, base: Judged, fresh: Sequence[Candidate], listed: Sequence[Candidate]
 ) -> list[Candidate]:
-    """Effects of which a simulation on their ladder shows what no first order does: where the motion
+    """Effects of which a simulation on their `ladder` shows what no first order does: where the motion
     is far from what was measured (a limit that makes the loop swing), a start from which the sum of
     squares falls to a small part."""
     if base.fit.cost < SWINGS * len(base.fit.white):
@@ -89,7 +80,7 @@ def overlooked(
     names = {c.spec.name for c in listed}
     out = []
     for c in fresh:
-        if c.spec.name in LADDERS and c.spec.name not in names:
+        if EFFECTS[c.spec.name].ladder and c.spec.name not in names:
             names.add(c.spec.name)
             residuals = quiet.residuals(with_best_start(quiet, c.like, c.spec))
             left = np.inf if residuals is None else float(np.sum(quiet.whiten(residuals) ** 2))

@@ -140,6 +140,7 @@ class Backlash(Effect):
     }  # fmt: skip
     sides = ("sensor",)
     depends_on = ("direction", "history")
+    ladder = ("gap", np.geomspace(0.02, 50.0, 16))
     siblings = ("hysteresis", "coulomb_friction", "dead_zone", "presliding_friction")
     port = "output"
 

@@ -131,7 +131,9 @@ class Effect:
     regressor is 1 by nature; a fitted one far from 1 speaks against the effect); `remembers` (its
     force law has a state, and so is called once more, with COMMIT, when the sub-step is solved);
     `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have);
-    `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any).
+    `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any);
+    `ladder` (where the cost is not convex: the parameter that decides, and factors on what the
+    regressor proposes for it, from which simulations begin).
     """
 
     name: ClassVar[str]
@@ -149,6 +151,7 @@ class Effect:
     remembers: ClassVar[bool] = False
     needs_mass: ClassVar[bool] = True
     switches: ClassVar[bool] = False
+    ladder: ClassVar[tuple[str, Array] | None] = None
 
     # --- reading ---------------------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ class DeadZone(Effect):
     default_side = "motor"
     parameters = (Parameter("half_width", "u"),)
     depends_on = ("command",)
+    ladder = ("half_width", np.geomspace(0.3, 3.0, 6))
     siblings = ("saturation", "coulomb_friction", "backlash")
     law = staticmethod(_law)
 

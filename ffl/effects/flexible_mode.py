@@ -28,6 +28,7 @@ class FlexibleMode(Effect):
         Parameter("mass_fraction", "", lower=1e-9, upper=0.999),
     )
     depends_on = ("acceleration", "time")
+    ladder = ("mass_fraction", np.geomspace(0.2, 5.0, 5))
     siblings = ("mass_change", "actuator_lag", "input_delay")
     options = {"measured": ("motor", "load")}  # noqa: RUF012
     sides = ("sensor", "motor")

@@ -49,6 +49,7 @@ class Hysteresis(Effect):
         Parameter("beta", "", lower=0.0, upper=1.0, linear=False, default=0.5),
     )
     depends_on = ("position", "direction", "history")
+    ladder = ("displacement", np.geomspace(0.2, 5.0, 5))
     siblings = ("presliding_friction", "coulomb_friction", "linear_stiffness", "backlash")
     law = staticmethod(_law)
     remembers = True

@@ -28,6 +28,7 @@ class PreslidingFriction(Effect):
         Parameter("micro_damping", "F s/x", linear=False, default=0.0),
     )
     depends_on = ("direction", "history", "position")
+    ladder = ("stiffness", np.geomspace(0.05, 20.0, 7))
     siblings = ("coulomb_friction", "hysteresis", "stribeck_friction")
     law = staticmethod(_law)
     remembers = True

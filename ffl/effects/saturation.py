@@ -26,6 +26,7 @@ class Saturation(Effect):
     default_side = "motor"
     parameters = (Parameter("limit", "u", lower=1e-12, linear=False),)
     depends_on = ("command",)
+    ladder = ("limit", np.linspace(0.8, 1.2, 15))
     siblings = ("dead_zone", "position_dependent_gain")
     fixed_amount = True
     law = staticmethod(_law)

@@ -31,6 +31,7 @@ class SensorNonlinearity(Effect):
     sides = ("sensor",)
     parameters = (Parameter("kind", "", linear=False), Parameter("level", "x", default=0.0))
     depends_on = ("position",)
+    ladder = ("level", np.linspace(0.93, 1.07, 15))
     siblings = ("encoder_ripple", "saturation", "hardening_spring")
     fixed_amount = True
     law = staticmethod(_law)
