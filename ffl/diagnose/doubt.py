@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.fit import Fit, Scene, jacobian
 from ffl.systems.state_space import Array
 
 OPEN = 1e6  # standard deviations of belief: what the data see no better than this they do not see
@@ -27,29 +27,19 @@ class Doubt:
 
     @classmethod
     def of(cls, held: Scene, fit: Fit) -> Doubt | None:
-        """None where nothing is free, or a moved model runs away."""
+        """None where nothing is free, or the model runs away."""
         model = fit.model
         chosen = [k for k, c in enumerate(model.coordinates) if c.kind == "correction"]
         base = held.residuals(model)
         if not chosen or base is None or not fit.jacobian.size:
             return None
-        columns = []
-        for k in chosen:
-            c, moved = model.coordinates[k], model.theta.copy()
-            step = c.step if moved[k] + c.step <= c.upper else -c.step
-            moved[k] += step
-            residuals = held.residuals(model.at(moved))
-            if residuals is None:
-                return None
-            columns.append(
-                np.concatenate([(a - b) / step for a, b in zip(base, residuals, strict=True)])
-            )
+        columns = jacobian(held, model, base, chosen=chosen)
         belief = np.array([model.coordinates[k].doubt for k in chosen])
         belief = np.where(np.isfinite(belief), belief, 1.0)
         share = fit.covariance[np.ix_(chosen, chosen)] / np.outer(belief, belief)
         values, vectors = np.linalg.eigh(np.nan_to_num(share, nan=OPEN**2, posinf=OPEN**2))
         root = np.sqrt(1.0 / np.maximum(values, 1e-18) + 1.0)[:, None] * vectors.T / belief
-        return cls(np.column_stack(columns), root)
+        return cls(columns, root)
 
     def settled(self, held: Scene, white: Array, known: Array | None = None) -> Array:
         """`white` (N,), the whitened held-out residual, less what corrections within their posterior

@@ -171,10 +171,14 @@ _POOL = ThreadPoolExecutor(2)
 
 
 def jacobian(
-    scene: Scene, model: Model, base: Sequence[Array], known: Mapping[Key, Array] | None = None
+    scene: Scene,
+    model: Model,
+    base: Sequence[Array],
+    known: Mapping[Key, Array] | None = None,
+    chosen: Sequence[int] | None = None,
 ) -> Array:
-    """Columns d yhat / d theta by one-sided differences, (N, p); those `known` are taken from
-    there."""
+    """Columns d yhat / d theta by one-sided differences, (N, p), or the `chosen` of them; those
+    `known` are taken from there."""
     theta = model.theta
     coordinates = model.coordinates
     known = known or {}
@@ -193,7 +197,7 @@ def jacobian(
             return np.zeros(scene.samples)
         return np.concatenate([(a - b) / step for a, b in zip(base, residuals, strict=True)])
 
-    columns = list(_POOL.map(column, range(len(theta))))
+    columns = list(_POOL.map(column, range(len(theta)) if chosen is None else chosen))
     return np.column_stack(columns) if columns else np.zeros((scene.samples, 0))
 
 
