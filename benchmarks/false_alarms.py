@@ -19,14 +19,13 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from _cases import read_case
 from joblib import Parallel, delayed
 
 from ffl.challenge import null_case
 from ffl.challenge.tally import Share
 from ffl.diagnose import diagnose
 from ffl.errors import InputError
-from ffl.recordings import read_recording
-from ffl.systems import load_plant
 
 RIGHT = ("nothing_missing", "inconclusive")
 
@@ -36,15 +35,7 @@ def one(seed: int, k: int) -> dict:
     case = null_case(k, seed)
     with tempfile.TemporaryDirectory() as folder:
         case.save(folder)
-        home = Path(folder)
-        plant = load_plant(str(home / "plant.toml"))
-        fit, validate = (
-            [
-                read_recording(p, sample_time=plant.sample_time)
-                for p in sorted(home.glob(f"{kind}_*"))
-            ]
-            for kind in ("fit", "validate")
-        )
+        plant, fit, validate = read_case(Path(folder))
     start = time.process_time()
     try:
         answer = diagnose(plant, fit, validate, rng=np.random.default_rng(k)).answer()

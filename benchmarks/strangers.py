@@ -22,13 +22,12 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from _cases import read_case
 
 from ffl.challenge import write
 from ffl.challenge.build import Build, Scales
 from ffl.challenge.draw import draw_noise, draw_setup, measure
 from ffl.diagnose import diagnose
-from ffl.recordings import read_recording
-from ffl.systems import load_plant
 
 ROUNDS = 40
 
@@ -127,14 +126,7 @@ def one(stranger: Stranger, machine: str, seed: int) -> dict:
     with tempfile.TemporaryDirectory() as home:
         folder = Path(home)
         record(stranger, machine, seed, folder)
-        plant = load_plant(str(folder / "plant.toml"))
-        fit, validate = (
-            [
-                read_recording(p, sample_time=plant.sample_time)
-                for p in sorted(folder.glob(f"{kind}_*"))
-            ]
-            for kind in ("fit", "validate")
-        )
+        plant, fit, validate = read_case(folder)
     start = time.process_time()
     answer = diagnose(plant, fit, validate, rng=np.random.default_rng(0)).answer()
     place = answer["location"]
