@@ -21,7 +21,7 @@ import scipy.linalg
 from ffl.effects.mechanics import Mechanics, Mode
 from ffl.machines.simulator import Simulator
 from ffl.systems.plant import Plant
-from ffl.systems.state_space import StateSpace, series
+from ffl.systems.state_space import Array, StateSpace, series
 from ffl.systems.zpk import Zpk
 
 BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
@@ -90,12 +90,28 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
             new_k = stiffness * w**2
             new_d = damping * w * (1.0 + values.get(f"mode_{i}_damping", 0.0))
         a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
-        residue = abs(float(mode.velocity @ b + new_d * (mode.position @ b))) * gain
-        modes.append(replace(mode, residue=residue, force=push * residue))
+        modes.append(_moved(mode, push, b * gain, new_k, new_d))
     fast = mechanics.fast
     fast = StateSpace(fast.a, fast.b, fast.c * gain, fast.d * gain, fast.sample_time)
     return replace(
         mechanics, a=a, b=b * gain, d=d * gain, modes=tuple(modes), fast=fast, exact=None
+    )
+
+
+def _moved(mode: Mode, push: Array, b: Array, stiffness: float, damping: float) -> Mode:
+    """`mode` with other numbers, driven by `b`. With p, q the shares of b in position and velocity of
+    the mode, what u itself moves is read by m (velocity's share of b out of it), m ~ (q, -p)."""
+    p, q = float(mode.position @ b), float(mode.velocity @ b)
+    residue = abs(q + damping * p)
+    m = np.array([q, -p]) / (q**2 + p * (stiffness * p + damping * q))
+    return replace(
+        mode,
+        residue=residue,
+        force=push * residue,
+        motor_position=m[0] * mode.position + m[1] * mode.velocity,
+        motor_velocity=-stiffness * m[1] * mode.position + (m[0] - damping * m[1]) * mode.velocity,
+        stiffness=stiffness,
+        damping=damping,
     )
 
 

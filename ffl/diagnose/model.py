@@ -22,6 +22,7 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
     "position_dependent_friction": ("level",),
 }
 REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
+LOBE = 0.5  # of a period over the travel: how far a start may be from the period it stands for
 # Presliding friction and hysteresis are one law at two lengths: a contact that gives way over a
 # small part of the travel before it slides, a force that remembers the path over a large one.
 CONTACT = 0.025  # of the travel
@@ -164,8 +165,9 @@ class Model:
             if kind == "effect" and spec.name in self.proven:
                 continue
             effect = EFFECTS[spec.name]
-            for parameter in effect.parameters:
-                name = parameter.name
+            own = [parameter.name for parameter in effect.parameters]
+            for name in (*own, *(n for n in spec.parameters if n not in own)):
+                parameter = effect.parameter(name)
                 value = spec.parameters.get(name)
                 if isinstance(value, str) or value is None or name in HELD.get(spec.name, ()):
                     continue
@@ -184,6 +186,8 @@ class Model:
         if not parameter.linear and lower >= 0 and value > 0:
             at = float(np.log(value))
             reach = REACH.get(parameter.name, 3.0)
+            if parameter.name == "period":  # half of the lobe that so many periods make
+                reach = float(np.clip(LOBE * value / (self.base.travel or np.inf), reach, 0.3))
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
             high = min(np.log(upper), at + reach)
             low = max(low, self._shortest(spec, parameter.name))

@@ -17,6 +17,7 @@ import numpy as np
 
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
+from ffl.diagnose.harmonics import with_harmonics
 from ffl.diagnose.judging import (
     PER_NUMBER,
     QUIET,
@@ -119,7 +120,7 @@ def contest(
             held = with_starts(replace(held, noise=quiet.noise), standing.model)
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
-        base = refined(quiet, held, base, say)
+        base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
         last_contenders = contenders
         if base.model.effects:
             base, contenders = settle(

@@ -2,12 +2,15 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ffl.diagnose.corrections import corrections
+from ffl.diagnose.linear import corrected, corrected_plant, corrections_of
 from ffl.diagnose.model import Coordinate
 from ffl.effects import mechanics_of
-from ffl.systems import EffectSpec, Plant, Zpk
+from ffl.machines.simulator import Simulator
+from ffl.systems import EffectSpec, Plant, Zpk, load_plant
 
 T = 1e-3
 
@@ -48,3 +51,33 @@ def test_a_slight_delay_is_told_in_samples():
     (found,) = corrections(standing(0.999, {}, [delay]))  # type: ignore[arg-type]
     assert found.relative == pytest.approx(0.05)
     assert found.unit == "samples"
+
+
+AMOUNTS = {"mass": 0.07, "damping": 0.05, "stiffness": 0.05}
+
+
+@pytest.mark.parametrize("name", ["emps", "flatbed_printer", "kernel2018_loop", "silverbox_linear"])
+@pytest.mark.parametrize("side", ["sensor", "motor", "load"])
+def test_points_of_a_corrected_plant_are_those_of_its_plant_file(name, side):
+    """u to the motion of the point, a force there to y, and to the point's own velocity."""
+    plant = load_plant(name)
+    nominal = Simulator(plant).mechanics
+    values = {
+        c.name: AMOUNTS.get(c.name, -0.06 if "frequency" in c.name else 0.2)
+        for c in corrections_of(nominal)
+    }
+    ours = corrected(nominal, values)
+    anew = Simulator(corrected_plant(plant, nominal, values)).mechanics
+    for w in (3.0, 50.0, 400.0):
+        seen = [_paths(m, m.point(side), w) for m in (ours, anew)]
+        np.testing.assert_allclose(seen[0], seen[1], rtol=1e-8)
+
+
+def _paths(mechanics, point, w):  # type: ignore[no-untyped-def]
+    n = mechanics.order
+    at = np.linalg.inv(1j * w * np.eye(n) - mechanics.a)
+    return [
+        point.position @ at @ mechanics.b,
+        mechanics.c @ at @ point.force,
+        point.velocity @ at @ point.force,
+    ]

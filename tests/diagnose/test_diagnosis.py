@@ -116,3 +116,18 @@ def test_numbers_are_printed_with_their_errors(coulomb, capsys):  # type: ignore
     said = capsys.readouterr().out
     assert f"± {level['std_error']:.2g} N" in said
     assert "note: nothing judged" in said
+
+
+def test_cogging_is_told_with_its_harmonic_and_nothing_else(stage, record):  # type: ignore[no-untyped-def]
+    """A second harmonic is no ripple of the scale; a lighter machine does not stretch the period."""
+    true = {"amplitude": 3.0, "period": 0.0213, "phase": 0.4, "amplitude_2": 0.8, "phase_2": 1.1}
+    light = replace(stage, system=replace(stage.system, gain=1.05 * stage.system.gain))
+    fit, judge = record(replace(light, effects=(EffectSpec("cogging", true),)))
+    answer = diagnose(stage, [fit], [judge], rng=np.random.default_rng(0)).answer()
+    assert [e["name"] for e in answer["effects"]] == ["cogging", "mass_change"]
+    found = answer["effects"][0]["parameters"]
+    for name, value in true.items():
+        error = max(4 * found[name]["std_error"], 1e-3 * value)
+        assert found[name]["value"] == pytest.approx(value, abs=error), name
+    check = answer["validation"]
+    assert check["nrmse_after"] < 2.0 * check["noise_floor"] < 0.01 * check["nrmse_before"]
