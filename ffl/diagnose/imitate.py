@@ -15,7 +15,7 @@ import scipy.signal
 from numpy.random import Generator
 
 from ffl.diagnose.noise import Noise
-from ffl.diagnose.trials import Trial
+from ffl.diagnose.trials import Trial, start_of
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant
@@ -54,7 +54,7 @@ def imitated(
             trial.feedforward,
             force=np.zeros(len(trial)) + load + force,
             noise=sensor,
-            start=trial.start,
+            start=start_of(simulator, plant.effects, trial),
             start_time=trial.start_time,
         )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.linear import Correction, corrected_plant, corrections_of, simulator_with
-from ffl.diagnose.trials import Trial
+from ffl.diagnose.trials import Trial, start_of
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation, Simulator
@@ -129,7 +129,7 @@ class Model:
             trial.reference,
             trial.feedforward,
             force=trial.load,
-            start=trial.start,
+            start=start_of(self.base.simulator, self.acting, trial),
             start_time=trial.start_time,
             watch=watch,
             substeps=self.substeps,

@@ -12,7 +12,7 @@ from ffl.diagnose.fit import Scene
 from ffl.diagnose.freemodel import FreeModel
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.noise import Paths
-from ffl.diagnose.trials import Trial
+from ffl.diagnose.trials import Trial, start_of
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -57,12 +57,13 @@ def nrmse(measured: Sequence[Array], simulated: Sequence[Array]) -> float:
 
 def run_plant(plant: Plant, trial: Trial) -> Simulation:
     """The plant file's plant, effects included, from the recording's own start."""
-    return Simulator(plant).run(
+    simulator = Simulator(plant)
+    return simulator.run(
         plant.effects,
         trial.reference,
         trial.feedforward,
         force=trial.load,
-        start=trial.start,
+        start=start_of(simulator, plant.effects, trial),
         start_time=trial.start_time,
     )
 

@@ -165,9 +165,14 @@ class Screen:
         return self._impulses[place]
 
     def through(self, place: Place, columns: Sequence[Array]) -> Array:
-        """Regressors of each recording (N_i, k) filtered to whitened y and stacked."""
+        """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of a sensor in a
+        loop at rest what changes since: the loop has brought the rest to the reference."""
         out = []
-        for x, (n, response) in zip(columns, self._responses(place), strict=True):
+        settled = place.port == "output" and self.scene.loop.controller is not None
+        for x, trial, (n, response) in zip(
+            columns, self.scene.trials, self._responses(place), strict=True
+        ):
+            x = x - x[0] if settled and trial.at_rest else x
             spectrum = scipy.fft.rfft(x.T, n) * response
             out.append(scipy.fft.irfft(spectrum, n)[:, : len(x)].T)
         return np.concatenate(out)

@@ -7,14 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.loop import Controller
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array, StateSpace
 
 SPAN = 0.01  # s over which speed is read from y
+SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
 
 
 @dataclass(frozen=True)
@@ -223,6 +225,25 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         doubt,
         rest,
     )
+
+
+def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) -> Array:
+    """`trial.start` with the plant where the sensor, `effects` included, shows what was measured: a
+    loop at rest has brought what it sees to the reference, not what is."""
+    shown = [(EFFECTS[s.name], s.parameters) for s in effects if EFFECTS[s.name].port == "output"]
+    if not trial.at_rest or not shown or simulator.plant.controller is None:
+        return trial.start
+    unit = simulator.at_rest(1.0)[: simulator.n_plant]
+    measured = float(unit @ trial.start[: simulator.n_plant]) / float(unit @ unit)
+    position = measured
+    for _ in range(SETTLE):
+        seen = position
+        for effect, values in shown:
+            seen += effect.shown(values, position) - position
+        position += measured - seen
+    start = trial.start.copy()
+    start[: simulator.n_plant] += (position - measured) * unit
+    return start
 
 
 def _ordering(simulator: Simulator) -> Array:

@@ -252,6 +252,10 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
+    def shown(self, values: Parameters, position: float) -> float:
+        """What the sensor shows of a machine that stands still at `position`."""
+        return position
+
     # --- diagnosis -------------------------------------------------------------------------------
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:

@@ -33,6 +33,10 @@ class EncoderRipple(Effect):
     scan = "position"
     law = staticmethod(_law)
 
+    def shown(self, values: Parameters, position: float) -> float:
+        angle = 2.0 * np.pi * position / values["period"] + values["phase"]
+        return position + float(values["amplitude"] * np.sin(angle))
+
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"period": 1.0 / k} for k in wave_numbers(motion)]
 

@@ -10,6 +10,7 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.linear import corrected_plant, corrections_of
+from ffl.diagnose.model import Base, Model
 from ffl.diagnose.prove import nrmse, run_plant
 from ffl.diagnose.trials import commanded, prepare
 from ffl.effects import mechanics_of
@@ -131,3 +132,14 @@ def test_cogging_is_told_with_its_harmonic_and_nothing_else(stage, record):  # t
         assert found[name]["value"] == pytest.approx(value, abs=error), name
     check = answer["validation"]
     assert check["nrmse_after"] < 2.0 * check["noise_floor"] < 0.01 * check["nrmse_before"]
+
+
+def test_a_loop_at_rest_stands_where_a_rippled_scale_shows_the_reference(stage, record):  # type: ignore[no-untyped-def]
+    """The recording begins after the loop has settled; the model begins there too."""
+    ripple = EffectSpec("encoder_ripple", {"amplitude": 5e-5, "period": 0.021, "phase": 1.0})
+    machine = replace(stage, effects=(ripple,))
+    settled = record(machine)[0][180:]
+    trial = prepare(Simulator(stage), settled, 1e-7)
+    assert trial.at_rest
+    left = trial.y - Model(Base.of(stage), effects=(ripple,)).simulate(trial).y
+    assert np.abs(left[:60]).max() < 1e-6
