@@ -20,6 +20,7 @@ from ffl.systems.state_space import Array
 HELD = {  # what the data cannot tell from other numbers of the same effect
     "position_dependent_gain": ("centre",),
     "position_dependent_friction": ("level",),
+    "outflow": ("centre",),
 }
 REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
 LOBE = 0.5  # of a period over the travel: how far a start may be from the period it stands for

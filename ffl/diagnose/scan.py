@@ -16,6 +16,8 @@ from ffl.systems.state_space import Array
 if TYPE_CHECKING:
     from ffl.diagnose.screen import Place, Screen
 
+PASSES = 2.0  # of a sine within the recording: of fewer nothing is seen to repeat
+PLACES = 3.0  # the same within the travel, where a bend of any kind is nearly a sine of few periods
 PEAKS = 6
 FLOOR = 1e-3  # of the largest norm: below it the loop passes nothing on, and rounding would win
 
@@ -73,7 +75,7 @@ def _over_time(motions: list[Motion], forces: list[Array], power: _Power):  # ty
         score += np.abs(scipy.fft.rfft(force, n)) ** 2 / len(force)
     norm = 0.5 * power(frequencies)
     score = score / np.maximum(norm, FLOOR * norm.max()) * (len(forces) * longest / total)
-    usable = (frequencies > 2.0 / (longest * step)) & (frequencies < 0.4 / step)
+    usable = (frequencies > PASSES / (longest * step)) & (frequencies < 0.4 / step)
     return frequencies[usable], score[usable]
 
 
@@ -85,7 +87,7 @@ def _over_position(motions: list[Motion], forces: list[Array], power: _Power):  
     # so a period may pass in few samples of the fastest motion, as long as most of it shows more.
     moves = np.concatenate([np.abs(np.diff(m.x)) for m in motions])
     usual = float(np.median(moves[moves > 0.05 * moves.max(initial=0.0)])) if moves.any() else 0.0
-    numbers = np.arange(1.0, 400.0, 0.25) / max(np.ptp(joined_x), 1e-300)
+    numbers = np.arange(PLACES, 400.0, 0.25) / max(np.ptp(joined_x), 1e-300)
     numbers = numbers[numbers < max(0.3 / max(usual, 1e-300), numbers[2])]
     if not len(numbers):
         return numbers, numbers

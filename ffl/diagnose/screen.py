@@ -21,6 +21,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import triangle
 from ffl.effects import EFFECTS, Effect, Motion
+from ffl.effects.cascade import BETWEEN, lags
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array, StateSpace
@@ -99,6 +100,22 @@ def places_of(model: Model) -> list[Place]:
             kept.append(place)
             shapes.append(shape)
     return kept
+
+
+def flow_places(model: Model, effect: Effect) -> list[Place]:
+    """The stages of a plant that is a row of real lags and drives no known mass: either lag may be
+    the upper stage, and is for all effects alike."""
+    physics = model.base.plant.physics
+    count = len(lags(model.base.simulator.mechanics))
+    if count < effect.stages or physics.mass is not None or physics.motor_constant is not None:
+        return []
+    known = {
+        str(e.options.get("side", BETWEEN[0])).removeprefix("after_")
+        for e in model.acting
+        if EFFECTS[e.name].port == "flow"
+    }
+    sides = [s for s in effect.sides[:count] if not known or s.removeprefix("after_") in known]
+    return [Place("flow", side) for side in sides]
 
 
 ABSOLUTE = frozenset(  # effects that need the position itself, not only changes of it
@@ -191,14 +208,14 @@ class Screen:
 
     def motions(self, place: Place) -> list[Motion]:
         """Simulated motion at the place; forces are held over a sample, so theirs is mid-sample."""
-        side = place.side if place.port == "force" else "sensor"
+        side = place.side if place.port in ("force", "flow") else "sensor"
         key = (f"{place.port == 'force'}{side}", place.mass_ratio)
         if key not in self._motions:
             self._motions[key] = [self._motion(trial, place) for trial in self.scene.trials]
         return self._motions[key]
 
     def _motion(self, trial: Trial, place: Place) -> Motion:
-        key = (place.side if place.port == "force" else "sensor", place.mass_ratio)
+        key = (place.side if place.port in ("force", "flow") else "sensor", place.mass_ratio)
         run = self.model.simulate(trial, watch=[key])
         motion = run.motion(*key)
         if place.port == "output" and self.model.simulator.mechanics.place is not None:
@@ -247,6 +264,8 @@ class Screen:
         return sorted(out, key=lambda c: -c.gain)
 
     def places(self, effect: Effect) -> list[Place]:
+        if effect.port == "flow":
+            return flow_places(self.model, effect)
         if effect.port != "force":
             return [Place(effect.port)]
         if effect.needs_mass and not self.model.simulator.mechanics.modes:
@@ -268,9 +287,12 @@ class Screen:
             grid = effect.grid(_joined(motions))
         best: Candidate | None = None
         for nonlinear in grid:
-            columns = self.through(
-                place, [self._columns(effect, m, nonlinear, place) for m in motions]
-            )
+            if place.port == "flow":
+                columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
+            else:
+                columns = self.through(
+                    place, [self._columns(effect, m, nonlinear, place) for m in motions]
+                )
             if effect.scan == "time" and self.scene.free_clocks:
                 columns = _apart(columns, [len(m.t) for m in motions])
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
@@ -288,6 +310,15 @@ class Screen:
             spec = EffectSpec(effect.name, values, {**place.options, **chosen})
             best = Candidate(spec, gain, columns.shape[1], place, self.fit)
         return best
+
+    def _simulated(self, spec: EffectSpec) -> Array:
+        """What `spec` changes in the whitened y by simulation, (N, 1)."""
+        before, after = (
+            self.scene.residuals(m) for m in (self.model, self.model.with_effect(spec))
+        )
+        if before is None or after is None:
+            return np.zeros((self.scene.samples, 1))
+        return self.scene.whiten([a - b for a, b in zip(before, after, strict=True)])[:, None]
 
     def _columns(
         self, effect: Effect, motion: Motion, nonlinear: Mapping[str, float], place: Place

@@ -20,6 +20,8 @@ from ffl.effects.linear_stiffness import LinearStiffness
 from ffl.effects.mass_change import MassChange
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
+from ffl.effects.outflow import Outflow
+from ffl.effects.overflow import Overflow
 from ffl.effects.periodic_disturbance import PeriodicDisturbance
 from ffl.effects.point import Point
 from ffl.effects.position_dependent_friction import PositionDependentFriction
@@ -28,6 +30,7 @@ from ffl.effects.presliding_friction import PreslidingFriction
 from ffl.effects.quadratic_drag import QuadraticDrag
 from ffl.effects.saturation import Saturation
 from ffl.effects.sensor_nonlinearity import SensorNonlinearity
+from ffl.effects.spill import Spill
 from ffl.effects.stribeck_friction import StribeckFriction
 from ffl.effects.viscous_friction import ViscousFriction
 from ffl.errors import InputError
@@ -60,6 +63,9 @@ EFFECTS: dict[str, Effect] = {
         SensorNonlinearity(),
         PeriodicDisturbance(),
         Drift(),
+        Outflow(),
+        Overflow(),
+        Spill(),
     )
 }
 

@@ -15,10 +15,11 @@ the report  `says`.
 Ports. `port` names where the signal of an effect enters the loop: 'force' (beside the force on the
 plant, in newton where `motor_constant` is known, so divide by it to get to u), 'command' (added to
 the command between controller and plant, in the input's unit), 'output' (added to the measured
-output). Regressors of an effect are signals at its port: filter a force or command regressor with
-the process sensitivity (a force one divided by the motor constant), an output regressor with the
-sensitivity, and the sum over columns of coefficient * filtered regressor is the effect's
-first-order contribution to y.
+output), 'flow' (between and after the stages of a row of lags, `ffl.effects.cascade`; without
+regressors: the diagnosis takes the difference that a simulation makes). Regressors of an effect are
+signals at its port: filter a force or command regressor with the process sensitivity (a force one
+divided by the motor constant), an output regressor with the sensitivity, and the sum over columns of
+coefficient * filtered regressor is the effect's first-order contribution to y.
 
 Motion. Regressors are computed from *simulated* motion (`Motion`), never from y smoothed without
 delay: that leaks the present noise into the regression (FINDINGS, Diagnosis 3).
@@ -123,7 +124,7 @@ class Effect:
     """Base of all effects; a new one is one file with one subclass and one line in `EFFECTS`.
 
     Class attributes: `name`; `component` (actuator, plant, transmission, sensor, environment,
-    timing); `port` ('force', 'command', 'output'); `parameters`; `depends_on`; `siblings` (names of
+    timing); `port` ('force', 'command', 'output', 'flow'); `parameters`; `depends_on`; `siblings` (names of
     effects it is easily taken for: fit them all before adding a second effect); `law` (None for
     effects of the linear part); `sides` it may act on; `scan` ('position' or 'time': the first
     parameter of `grid` is a period in x or a frequency in t, better searched all at once by a
@@ -131,6 +132,7 @@ class Effect:
     regressor is 1 by nature; a fitted one far from 1 speaks against the effect); `remembers` (its
     force law has a state, and so is called once more, with COMMIT, when the sub-step is solved);
     `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have);
+    `stages` (at port 'flow': lags in a row that it needs at least);
     `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any);
     `ladder` (where the cost is not convex: the parameter that decides, and factors on what the
     regressor proposes for it, from which simulations begin).
@@ -150,6 +152,7 @@ class Effect:
     fixed_amount: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
     needs_mass: ClassVar[bool] = True
+    stages: ClassVar[int] = 1
     switches: ClassVar[bool] = False
     ladder: ClassVar[tuple[str, Array] | None] = None
 
@@ -226,6 +229,13 @@ class Effect:
     def side_in(self, setting: Setting) -> str:
         """The side it acts on in this setting."""
         return str(setting.options.get("side", self.default_side))
+
+    def parts(self, values: Parameters, setting: Setting) -> list[Part]:
+        """Where it acts, and by which law: one point for most, none for the linear part's."""
+        law = self.law_in(setting)
+        if law is None:
+            return []
+        return [Part(self.side_in(setting), setting.mass_ratio, law, self.pack(values, setting))]
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         """Numbers for the law; parameters whose unit has F in it are divided by the motor constant."""
@@ -308,6 +318,16 @@ class Effect:
     def quantity(self, values: Parameters, name: str, plant: Plant) -> str:
         """'20.4 N' for parameter `name`."""
         return f"{values[name]:.4g} {self.parameter(name).unit_in(plant)}".strip()
+
+
+@dataclass(frozen=True)
+class Part:
+    """A law at a point of the mechanics (`side` and `mass_ratio`) with its `packed` numbers."""
+
+    side: str
+    mass_ratio: float | None
+    law: Law
+    packed: list[float]
 
 
 @dataclass(frozen=True)

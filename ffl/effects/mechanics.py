@@ -27,12 +27,13 @@ from typing import Any
 
 import numpy as np
 
+from ffl.effects.cascade import BETWEEN, OUT, stage_point
 from ffl.effects.point import Point
 from ffl.effects.two_masses import TwoMasses, across, collocated
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, StateSpace
 
-SIDES = ("sensor", "motor", "load", "coupling")
+SIDES = ("sensor", "motor", "load", "coupling", *BETWEEN, *OUT)
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ class Mechanics:
         return 1.0 / self.modes[0].residue
 
     def point(self, side: str = "sensor", mass_ratio: float | None = None) -> Point:
-        """The point on `side`: 'sensor', 'motor', 'load', or 'coupling' (motor minus load)."""
+        """The point on `side`: 'sensor', 'motor', 'load', or 'coupling' (motor minus load); for a row
+        of lags those of `ffl.effects.cascade`, with the share that arrives as `mass_ratio`."""
         if side in (names := dict(self.links)):
             return names[side]
         if side not in SIDES:
@@ -106,6 +108,8 @@ class Mechanics:
             return self.sensor
         if self.origin is not None and self.push is not None and self.pull is not None:
             return self.origin.point(side, mass_ratio).mapped(self.push, self.pull)
+        if side in (*BETWEEN, *OUT):
+            return stage_point(self, side, mass_ratio)
         if not self.modes:
             return Point(self.b * self.sign, self.position, np.zeros(self.order))
         if (pair := self.two_masses(mass_ratio)) is not None:

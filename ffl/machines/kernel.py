@@ -29,7 +29,7 @@ from ffl.effects.law import (
 )
 
 COMMAND, FORCE, OUTPUT = 0, 1, 2
-PORTS = {"command": COMMAND, "force": FORCE, "output": OUTPUT}
+PORTS = {"command": COMMAND, "force": FORCE, "output": OUTPUT, "flow": FORCE}
 SWEEPS = 20
 TOLERANCE = 1e-9  # of the largest force: error at which coupled effects are solved
 DIVERGED = 1e150

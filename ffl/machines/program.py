@@ -61,12 +61,10 @@ class Compiler:
             zip(catalogue, effects, checked, strict=True)
         ):
             setting = self._setting(mechanics, spec)
-            law = effect.law_in(setting)
-            if law is None:
-                continue
-            where = points.place((effect.side_in(setting), setting.mass_ratio))
-            packed = effect.pack(values, setting)
-            actors.append(_Actor(index, effect, effect.port_in(setting), where, law, packed))
+            port = effect.port_in(setting)
+            for part in effect.parts(values, setting):
+                where = points.place((part.side, part.mass_ratio))
+                actors.append(_Actor(index, effect, port, where, part.law, part.packed))
         for side in watch:
             points.place(side)
         if last:

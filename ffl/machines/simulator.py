@@ -189,7 +189,8 @@ class Simulator:
             out,
         )  # fmt: skip
         contribution = np.zeros((n, len(effects)))
-        contribution[:, program.index] = out[4]
+        for column, index in enumerate(program.index):
+            contribution[:, index] += out[4][:, column]
         ring = np.roll(state[2], -(n % delay)) if delay else state[2]
         end = np.concatenate([state[0][: self.mechanics.own], state[1], ring, state[3]])
         t = start_time + self.plant.sample_time * np.arange(n)

@@ -167,4 +167,6 @@ LINEAR = {
     "flexible_mode": {"frequency": 60.0, "damping": 0.02, "mass_fraction": 0.2},
     "mass_change": {"change": 0.1},
 }
+# Effects between and after lags in a row; see test_cascade.py.
+FLOW = ("outflow", "overflow", "spill")
 PARAMETERS = {name: case[0] for name, case in ORACLE.items()} | LINEAR

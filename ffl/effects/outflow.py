@@ -1,0 +1,87 @@
+"""Tanks that empty through orifices: the outflow goes with the root of the level (Torricelli)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Part, Setting
+from ffl.effects.cascade import BETWEEN, lags
+from ffl.effects.law import X0
+from ffl.effects.solve import bulge_of, end_motion, set_curve
+from ffl.systems.plant import Plant
+
+
+def _law(p, s, io):  # type: ignore[no-untyped-def]
+    """p: centre - empty = l, empty. Beside the lag's own flow x this flows: -l (1 - r)^2 with the root
+    r = sqrt((x - empty)/l), which makes the end of the step a quadratic equation in r; an empty tank
+    lets nothing through, however far the linear model would draw it down."""
+    l, empty = p[0], p[1]
+    r0 = np.sqrt(max(io[X0] - empty, 0.0) / l)
+    start, end, bulge = -l * (1.0 - r0) ** 2, 0.0, 0.0
+    for _ in range(4):
+        xa, gx, _, _ = end_motion(io, start, bulge)
+        short = empty + gx * l - xa
+        r1 = 0.0
+        if short < 0.0:
+            a, b = l * (1.0 + gx), -gx * l
+            r1 = (np.sqrt(b * b - a * short) - b) / a
+        end = -l * (1.0 - r1) ** 2
+        half = 0.5 * (io[X0] + xa + gx * end)
+        rm = np.sqrt(max(half - empty, 0.0) / l)
+        bulge = bulge_of(start, -l * (1.0 - rm) ** 2, end)
+    set_curve(io, start, end, bulge)
+
+
+class Outflow(Effect):
+    """Flow out of each stage: centre + 2 l (sqrt((x - empty)/l) - 1), l = centre - empty, in place of
+    its level x: the linear model at `centre`, nothing at `empty`.
+
+    x is the level of the stage on the scale of the sensor (see `ffl.effects.cascade`). With both
+    stages at rest at one flow the same two numbers hold for both: each is empty where nothing flows.
+    `side`: the lag that is the upper stage.
+    """
+
+    name = "outflow"
+    port = "flow"
+    sides = BETWEEN
+    default_side = BETWEEN[0]
+    parameters = (
+        Parameter("empty", "x", lower=-np.inf),
+        Parameter("centre", "x", lower=-np.inf, linear=False),
+    )
+    depends_on = ("position",)
+    siblings = ("overflow", "spill", "linear_stiffness", "position_dependent_gain")
+    fixed_amount = True
+    needs_mass = False
+    law = staticmethod(_law)
+
+    def check(self, spec):  # type: ignore[no-untyped-def]
+        values = super().check(spec)
+        self.require(
+            values["empty"] < values["centre"],
+            f"empty = {values['empty']:g} must lie below centre = {values['centre']:g}, the level at "
+            "which the linear model holds",
+        )
+        return values
+
+    def parts(self, values: Parameters, setting: Setting) -> list[Part]:
+        packed = [values["centre"] - values["empty"], values["empty"]]
+        side = self.side_in(setting)
+        places = [f"after_{side}", side] if len(lags(setting.mechanics)) == 2 else ["after_slow"]
+        return [Part(place, None, _law, packed) for place in places]
+
+    def grid(self, motion: Motion) -> list[dict[str, float]]:
+        low = float(motion.x.min())
+        return [
+            {"empty": low - share * motion.span, "centre": motion.middle}
+            for share in (0.02, 0.15, 0.4, 1.0)
+        ]
+
+    def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
+        return dict(nonlinear)
+
+    def says(self, values: Parameters, plant: Plant) -> str:
+        return (
+            "What flows out goes with the root of the level above "
+            f"{self.quantity(values, 'empty', plant)} (Torricelli), not in proportion to it."
+        )
