@@ -97,7 +97,7 @@ class FreeModel:
         return self.model.simulator.run(
             self.model.acting, trial.reference, trial.feedforward, force=load,
             noise=ports.get("output"), start=trial.start, start_time=trial.start_time,
-            watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
+            before=trial.before, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
             applied=(ports["force"], side) if side else None,
         )  # fmt: skip
 

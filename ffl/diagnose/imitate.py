@@ -56,6 +56,7 @@ def imitated(
             noise=sensor,
             start=start_of(simulator, plant.effects, trial),
             start_time=trial.start_time,
+            before=trial.before,
         )
 
     out = []

@@ -132,6 +132,7 @@ class Model:
             force=trial.load,
             start=start_of(self.base.simulator, self.acting, trial),
             start_time=trial.start_time,
+            before=trial.before,
             watch=watch,
             substeps=self.substeps,
         )

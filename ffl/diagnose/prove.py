@@ -65,6 +65,7 @@ def run_plant(plant: Plant, trial: Trial) -> Simulation:
         force=trial.load,
         start=start_of(simulator, plant.effects, trial),
         start_time=trial.start_time,
+        before=trial.before,
     )
 
 

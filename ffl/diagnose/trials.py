@@ -41,6 +41,13 @@ class Trial:
     def __len__(self) -> int:
         return len(self.y)
 
+    @property
+    def before(self) -> float:
+        """The command held until the first sample, as near as it is known: the first one, input
+        units. A machine that holds a spring has had it for long."""
+        command = self.u if np.isfinite(self.u[0]) else self.feedforward
+        return float(command[0]) + (0.0 if self.load is None else float(self.load[0]))
+
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
         parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}

@@ -24,7 +24,9 @@ from ffl.systems.state_space import Array
 from ffl.systems.zpk import Zpk
 
 RECTIFIED = EffectSpec("sensor_nonlinearity", {"kind": "rectified", "level": 0.0})
-BELOW = 0.03  # of the range: how far a folded output may fall below zero
+BELOW = (
+    0.03  # of the range: how far a folded output may fall below zero; a drive beyond is no rounding
+)
 NEAR = 0.05  # of the range: how near to zero it must come
 TOUCHES = 3
 MOST = 3000  # samples that the search looks at
@@ -43,7 +45,7 @@ def looks_folded(plant: Plant, recordings: Sequence[Recording]) -> bool:
         near = r.y < NEAR * size
         if np.count_nonzero(np.diff(near.astype(int)) == 1) < TOUCHES:
             return False
-    return any(r.u.min() < 0.0 < r.u.max() for r in recordings)
+    return any(r.u.min() < -BELOW * np.abs(r.u).max() < 0.0 < r.u.max() for r in recordings)
 
 
 def unfolded(

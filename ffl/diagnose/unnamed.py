@@ -65,8 +65,9 @@ def compare(
     if held is not None and held.trials:
         held = judged_by(held, found)
     bursts, loud = events(scene, left), _loudness(scene, standing, left)
-    if named and (bursts.found or loud > QUIET_ENOUGH):
-        # What sticks and slips answers noise in bursts, louder than the loop alone would make it.
+    if bursts.found or (named and loud > QUIET_ENOUGH):
+        # What sticks and slips answers noise in bursts, louder than the loop alone would make it; slow
+        # noise holds few independent samples in a short window and looks like bursts on any machine.
         alike = imitated(standing.plant(), scene.trials, scene.noise, rng)
         usual = max((events(scene, one.y).ratio for one in alike), default=0.0)
         bursts = replace(bursts, limit=max(bursts.limit, LOUDER * usual))

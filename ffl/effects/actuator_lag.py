@@ -54,6 +54,9 @@ class ActuatorLag(Effect):
         mean, moment = _moments(steps)
         return [0.0, mean, moment, float(np.exp(-steps))]
 
+    def after_command(self, state, command):  # type: ignore[no-untyped-def]
+        return [command, *state[1:]]
+
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"shape": s * motion.sample_time} for s in np.geomspace(0.25, 32.0, 8)]
 

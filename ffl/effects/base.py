@@ -248,6 +248,11 @@ class Effect:
         """State at the start; its length is the number of states."""
         return []
 
+    def after_command(self, state: list[float], command: float) -> list[float]:
+        """`state` as a `command` (input units) leaves it that was held until the first sample; what
+        remembers no command is as it was."""
+        return state
+
     def stiffness(self, packed: Sequence[float]) -> float:
         """Largest force per displacement the law can show, input unit / output unit: decides how
         many sub-steps a sample is cut into."""

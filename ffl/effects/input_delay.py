@@ -43,6 +43,9 @@ class InputDelay(Effect):
         phi = max(packed[0] / step - whole, 0.0)
         return [float(whole), float(phi), 0.0, *np.zeros(int(whole) + 2)]
 
+    def after_command(self, state, command):  # type: ignore[no-untyped-def]
+        return [*state[:3], *np.full(len(state) - 3, command)]
+
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"shape": s * motion.sample_time} for s in (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)]
 

@@ -44,8 +44,10 @@ class Compiler:
         substeps: int | None = None,
         watch: Sequence[Side] = (),
         last: bool = False,
+        before: float = 0.0,
     ) -> Program:
-        """Everything the kernel needs; with `last`, the last watched side gets a point at the end."""
+        """Everything the kernel needs; with `last`, the last watched side gets a point at the end;
+        `before`: see `Simulator.run`."""
         catalogue = [effect_of(spec) for spec in effects]
         checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
         mechanics, changes = self._mechanics, []
@@ -77,7 +79,12 @@ class Compiler:
             discrete = _discretise(mechanics, points.found, substeps)
             if not changes:
                 self._prepared[key] = discrete
-        states = [actor.effect.initial_state(actor.packed, discrete.step) for actor in actors]
+        states = [
+            actor.effect.after_command(
+                actor.effect.initial_state(actor.packed, discrete.step), before
+            )
+            for actor in actors
+        ]
         return Program(
             mechanics,
             discrete,

@@ -1,0 +1,96 @@
+"""A stage on a spring without a servo: how its recordings begin, and what its noise looks like."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.events import events
+from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.imitate import drawn
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.prove import run_plant
+from ffl.diagnose.trials import prepare
+from ffl.diagnose.unfold import looks_folded
+from ffl.diagnose.unnamed import compare
+from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec, Imperfections
+from ffl.systems.plant_file import plant_from_dict
+
+STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 30.0, 0.03
+W = 2 * np.pi * FREQUENCY
+HELD = 4.0  # command that the recordings begin with
+
+
+@pytest.fixture(scope="module")
+def spring():  # type: ignore[no-untyped-def]
+    """2 kg on a spring of 30 Hz, 1 N per input unit."""
+    pole = W * np.array([-DAMPING, np.sqrt(1 - DAMPING**2)])
+    return plant_from_dict(
+        {
+            "name": "spring",
+            "sample_time": STEP,
+            "units": {"input": "A", "output": "m"},
+            "plant": {
+                "form": "czpk", "zeros": [], "gain": 1.0 / MASS,
+                "poles": [pole.tolist(), (pole * [1, -1]).tolist()],
+            },
+        }
+    )  # fmt: skip
+
+
+def at_hold(seed=0):  # type: ignore[no-untyped-def]
+    """400 samples that hold `HELD`, y with a little noise."""
+    u = np.full(400, HELD)
+    y = HELD / (MASS * W**2) + 1e-9 * np.random.default_rng(seed).standard_normal(len(u))
+    return Recording(STEP * np.arange(400), np.zeros(400), u, u, y, sample_time=STEP)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        EffectSpec("input_delay", {"delay": 2.4e-3}),
+        EffectSpec("actuator_lag", {"time_constant": 3e-3}),
+    ],
+    ids=lambda e: e.name,
+)
+def test_a_late_command_was_there_before_the_recording(spring, effect):
+    """A ring of zeros would kick the stage at the first sample and let it swing for long."""
+    model = Model(Base.of(spring), effects=(effect,))
+    trial = prepare(model.base.simulator, at_hold(), 1e-9)
+    still = HELD / (MASS * W**2)
+    for y in (model.simulate(trial).y, run_plant(model.plant(), trial).y):
+        assert np.abs(y - still).max() < 1e-4 * still
+
+
+def test_a_command_that_rounds_below_zero_folds_nothing(spring):
+    """Strokes out and back to zero: y touches zero because it was sent there."""
+    t = STEP * np.arange(4000)
+    path = 2.0 * (1.0 - np.cos(2 * np.pi * 1.5 * t))
+    for least, folded in ((0.0, False), (-4e-17, False), (-1.0, True)):
+        u = np.where(path == path.min(), least, path)
+        r = Recording(t, 0 * t, u, u, path / (MASS * W**2), sample_time=STEP)
+        assert looks_folded(spring, [r]) is folded
+
+
+def test_slow_noise_makes_no_bursts(spring):
+    """Force noise with its corner at 4 Hz holds few independent samples in a window of 64: their mean
+    power goes up and down by itself."""
+    base = Base.of(replace(spring, machine=Imperfections(1e-9, 1e-9, 0.05, None)))
+    rng = np.random.default_rng(3)
+    u = 2.0 * np.sin(2 * np.pi * 0.7 * STEP * np.arange(9000))
+    force = drawn(0.03, 0.045, 4.0, STEP, len(u), rng)
+    y = base.simulator.run((), feedforward=u, force=force).y + 1e-9 * rng.standard_normal(len(u))
+    r = Recording(STEP * np.arange(len(u)), 0 * u, u, u, y, sample_time=STEP)
+    trial = prepare(base.simulator, r, 1e-9)
+    noise = Noise(1e-9, 0.03, force_coloured=0.045, force_corner=4.0)
+    scene = Scene(spring.loop, (trial,), noise)
+    model = Model(base)
+    assert events(scene, scene.residuals(model)).found  # what a fixed limit says
+    found = fit(scene, model, rounds=0)
+    bursts = compare(scene, None, model, found, rng).events
+    assert bursts is not None
+    assert not bursts.found
