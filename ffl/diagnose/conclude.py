@@ -49,7 +49,10 @@ def conclude(
 ) -> Diagnosis:
     """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
     recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
-    nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.fit, rng)
+    if standing.predicted:  # nothing that a free run leaves says what is still missing
+        nameless = Contest("named", None, None, 0.0, 0.0, None)
+    else:
+        nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.fit, rng)
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
     fitted = replace((maps.model if maps else standing.model).plant(), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))
@@ -65,8 +68,10 @@ def conclude(
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
     if effects and not told and nameless.verdict == "named":
         said, place = "nothing_missing", where.Place("", "", ())
-    another = proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
-    if effects and not proof.nrmse_after < WORSE * proof.nrmse_before and said != "unnamed":
+    trusted = not standing.predicted
+    another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
+    worse = trusted and not proof.nrmse_after < WORSE * proof.nrmse_before
+    if effects and worse and said != "unnamed":
         said = "inconclusive"
         place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
     if another:

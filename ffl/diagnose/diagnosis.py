@@ -18,6 +18,7 @@ from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.observer import decay_for, led, moving, needs_observer, with_observer
 from ffl.diagnose.plain import too_loud, weighed
+from ffl.diagnose.rattling import with_rattling
 from ffl.diagnose.result import Diagnosis
 from ffl.diagnose.search import contest
 from ffl.diagnose.starts import with_starts
@@ -113,8 +114,15 @@ def diagnose(
         scene = weighed(replace(scene, noise=plain, plain=True), nominal)
         held = replace(held, noise=plain, plain=True)
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
+    outcome = with_rattling(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held
-    if len(short) > len(recordings) or len(short_held) > len(validation):
+    if standing.predicted:
+        say(f"{standing.name}: foretells sample by sample what no free run does")
+        notes.append(
+            "the loop rattles across the play, and two runs of one machine part within a second: the "
+            "play was named by prediction from sample to sample; free-running figures say little"
+        )
+    elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")
         trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
@@ -123,7 +131,8 @@ def diagnose(
         scene = with_starts(scene, standing.model)
         held = with_starts(replace(held, noise=scene.noise), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
-    standing = across_the_line(standing.scene, held, standing)
+    if not standing.predicted:
+        standing = across_the_line(standing.scene, held, standing)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others
         own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)

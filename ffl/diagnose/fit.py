@@ -139,7 +139,7 @@ class Fit:
     @property
     def surprise(self) -> float:
         """-log of the prior density of the corrections, 0 at nominal."""
-        return float(np.sum(_surprise(self.model.theta, _doubts(self.model))))
+        return surprise(self.model)
 
     @property
     def cost(self) -> float:
@@ -199,6 +199,11 @@ def jacobian(
 
     columns = list(_POOL.map(column, range(len(theta)) if chosen is None else chosen))
     return np.column_stack(columns) if columns else np.zeros((scene.samples, 0))
+
+
+def surprise(model: Model) -> float:
+    """-log of the prior density of the corrections, 0 at nominal."""
+    return float(np.sum(_surprise(model.theta, _doubts(model))))
 
 
 def _doubts(model: Model) -> Array:

@@ -40,6 +40,7 @@ class Judged:
     held_out: float
     held_white: Array
     held: Scene | None = None
+    predicted: bool = False  # by what is left from sample to sample: no two free runs agree
 
     @property
     def model(self) -> Model:

@@ -1,0 +1,267 @@
+"""Backlash where the loop rattles, named by prediction instead of free-running simulation.
+
+The contest judges by free runs. Around a coupling with play two free runs of one machine part (see
+`switching`), so there the right answer with the right numbers leaves as much as none at all. Here
+the play is fitted to what the switching filter leaves from sample to sample, the linear model's
+corrections, mass ratio and contact damping beside it, and its likelihood stands against that of what
+the contest came to: both are log p(y | r) of the same samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Fit, Scene, surprise
+from ffl.diagnose.judging import Judged
+from ffl.diagnose.model import Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.search import Outcome, Step
+from ffl.diagnose.switching import Switching
+from ffl.diagnose.trials import Trial
+from ffl.errors import InputError
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
+
+GAPS = np.geomspace(1e-4, 0.03, 12)  # of the travel
+NONE = 1e-9
+RATIOS = (0.4, 1.0, 2.5)
+CONTACT = 0.05  # damping ratio of the contact to begin with
+DAMPINGS = (0.002, 1.0)
+GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fit look at
+# Times the force noise: what it is more than stated holds the state to what is seen, as long as the
+# numbers are off, and makes one broad valley of many narrow ones.
+LOOSENESS = (30.0, 10.0, 3.0, 1.0)
+ROUNDS = 8
+TRIES = 5  # damped steps of a round
+STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
+MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
+PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
+CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
+UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
+BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is left
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model with one backlash in its coupling and the noise; the damping of the contact (option
+    `damping`) is a further number, as logarithm."""
+
+    model: Model
+    noise: Noise
+
+    @classmethod
+    def of(
+        cls, model: Model, gap: float, ratio: float | None, noise: Noise, damping: float = CONTACT
+    ) -> Hypothesis:
+        options = {"kind": "coupling", "damping": damping}
+        options |= {} if ratio is None else {"mass_ratio": ratio}
+        spec = EffectSpec("backlash", {"gap": float(gap)}, options)
+        return cls(replace(model, effects=(spec,)), noise)
+
+    @property
+    def theta(self) -> Array:
+        return np.append(self.model.theta, np.log(self.model.effects[0].options["damping"]))
+
+    def at(self, theta: Array) -> Hypothesis:
+        model = self.model.at(theta[:-1])
+        damping = float(np.exp(np.clip(theta[-1], *np.log(DAMPINGS))))
+        (spec,) = model.effects
+        spec = replace(spec, options={**spec.options, "damping": damping})
+        moved = replace(model, effects=(spec,))
+        object.__setattr__(moved, "coordinates", model.coordinates)
+        return replace(self, model=moved)
+
+    @property
+    def steps(self) -> Array:
+        """Differences for derivatives: larger than what the moment of a contact jumps by."""
+        steps = [0.01 if c.log else 0.2 * c.scale for c in self.model.coordinates]
+        steps[self.gap_at] = 0.01 * max(self.theta[self.gap_at], 1e-5 * self.model.base.travel)
+        return np.append(steps, 0.02)
+
+    @property
+    def gap_at(self) -> int:
+        return [c.name for c in self.model.coordinates].index("gap")
+
+    def predict(self, trials: Sequence[Trial]) -> tuple[Array, Array] | None:
+        """(scaled innovations, logarithms of their scales) of all recordings; None: no such plant."""
+        try:
+            switching = Switching.of(self.model)
+        except InputError:
+            return None
+        if switching is None:
+            return None
+        pairs = [switching.predict(trial, self.noise) for trial in trials]
+        e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        white = e / s
+        return (white, np.log(s)) if np.all(np.isfinite(white)) else None
+
+    def scaled(self, trials: Sequence[Trial]) -> tuple[float, float]:
+        """(log-likelihood with all noise times the factor that suits it best, the factor)."""
+        found = self.predict(trials)
+        if found is None:
+            return -np.inf, 1.0
+        white, logs = found
+        square = float(np.mean(white**2))
+        value = -0.5 * len(white) * (1.0 + np.log(square)) - logs.sum()
+        return float(value), float(np.sqrt(square))
+
+    def worth(self, trials: Sequence[Trial]) -> float:
+        """What a search makes most."""
+        return self.scaled(trials)[0] - surprise(self.model)
+
+
+def with_rattling(
+    scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
+) -> Outcome:
+    """`outcome`, or, where a play in the coupling foretells fitted and held-out recordings clearly
+        better than all that the contest named, that play alone; `told`: the model with no effect,
+    `prior`: noise as the plant file states it."""
+    if held is None or told.acting:
+        return outcome
+    if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
+        return outcome
+    scene = replace(scene, noise=prior)  # what the contest calls noise holds the rattle
+    standing = outcome.standing
+    left = scene.residuals(standing.model)
+    if left is not None and np.mean(scene.whiten(left) ** 2) < UNEXPLAINED:
+        return outcome
+    begun = start(scene, told)
+    if begun is None:
+        return outcome
+    found = settled(begun, scene)
+    fitted, factor = found.scaled(scene.trials)
+    found = replace(found, noise=found.noise.scaled(factor))
+    judged = _judged(found, scene, held, fitted)
+    if judged is None:
+        return outcome
+    before = replace(standing, held_out=_plain(standing, held))
+    ahead = judged.held_out - before.held_out
+    if min(judged.score - before.score - ahead, ahead) < CLEAR:
+        return outcome
+    name = before.model.names[0] if before.model.names else "nothing"
+    step = Step(before, (), (judged,), judged)
+    contenders = {"backlash": [("backlash", judged), (name, before)]}
+    return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
+
+
+def _plain(standing: Judged, scene: Scene) -> float:
+    """Log-likelihood of recordings by a free run under the noise that was found, its size left open."""
+    judged = replace(scene, noise=standing.scene.noise)
+    residuals = judged.residuals(standing.model)
+    if residuals is None:
+        return -np.inf
+    white = judged.whiten(residuals)
+    square = float(np.mean(white**2))
+    return judged.log_likelihood(white / np.sqrt(square)) - 0.5 * len(white) * float(np.log(square))
+
+
+def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judged | None:
+    seen, ahead = found.predict(scene.trials), found.predict(held.trials)
+    if seen is None or ahead is None:
+        return None
+    own = replace(scene, noise=found.noise)
+    columns = _columns(found, scene.trials, seen[0])
+    beside = columns[:, -1:] / max(float(np.linalg.norm(columns[:, -1])), 1e-300)
+    j = columns[:, :-1] - beside @ (beside.T @ columns[:, :-1])  # the contact's damping is free too
+    fit = Fit(found.model, seen[0], j, j, "converged")
+    loud = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
+    white = ahead[0] * max(1.0, loud / BELIEVED)
+    return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)
+
+
+def start(scene: Scene, model: Model) -> Hypothesis | None:
+    """The best gap and mass ratio of a grid; None where the plant is no two masses on a spring, or
+    none of them foretells better than no gap."""
+    modes = model.base.simulator.mechanics.modes
+    if len(modes) != 2:
+        return None
+    trials = _short(scene, GLANCE)
+    ratios = RATIOS if modes[1].sign < 0 else (None,)
+    travel = model.base.travel
+    noise = replace(scene.noise, force=LOOSENESS[0] * scene.noise.force)
+    own = modes[1].damping / (2.0 * np.sqrt(modes[1].stiffness))
+    none = Hypothesis.of(model, NONE * travel, ratios[0], noise, own).scaled(trials)[0]
+    tried = [Hypothesis.of(model, gap * travel, r, noise) for gap in GAPS for r in ratios]
+    found = [(h.scaled(trials)[0], h) for h in tried]
+    worth, best = max(found, key=lambda pair: pair[0])
+    return best if worth > none + PROMISES else None
+
+
+def _short(scene: Scene, samples: int) -> list[Trial]:
+    each = samples // len(scene.trials)
+    return [trial.head(min(each, len(trial))) for trial in scene.trials]
+
+
+def settled(begun: Hypothesis, scene: Scene) -> Hypothesis:
+    """Numbers fitted under less and less force noise beyond the scene's, the best of them."""
+    trials = _short(scene, LOOK)
+    best, most, last = begun, -np.inf, begun
+    for loose in LOOSENESS:
+        noise = replace(scene.noise, force=loose * scene.noise.force)
+        last = _moved(_fitted(replace(last, noise=noise), trials), trials)
+        value = last.worth(scene.trials)
+        if value > most:
+            best, most = last, value
+    return _fitted(best, scene.trials)
+
+
+def _columns(point: Hypothesis, trials: Sequence[Trial], white: Array) -> Array:
+    """Derivatives of the scaled prediction by theta, (N, p)."""
+    theta = point.theta
+    columns = np.zeros((len(white), len(theta)))
+    for k, step in enumerate(point.steps):
+        moved = theta.copy()
+        moved[k] += step
+        found = point.at(moved).predict(trials)
+        if found is not None:
+            columns[:, k] = (white - found[0]) / step
+    return columns
+
+
+def _fitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left."""
+    doubts = np.append([c.doubt for c in point.model.coordinates], np.inf)
+    damping, worth = 1e-2, point.worth(trials)
+    for _ in range(ROUNDS):
+        found = point.predict(trials)
+        if found is None:
+            return point
+        theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
+        white, j = found[0] / factor, _columns(point, trials, found[0]) / factor
+        pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
+        size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+        before = worth
+        for _ in range(TRIES):
+            table = np.vstack([j, np.diag(pull), np.sqrt(damping) * np.diag(size)])
+            wanted = np.concatenate([white, -pull * theta, np.zeros(len(theta))])
+            step = np.linalg.lstsq(table / size, wanted, rcond=None)[0] / size
+            tried = point.at(theta + step)
+            value = tried.worth(trials)
+            if value > worth:
+                point, worth, damping = tried, value, 0.2 * damping
+                break
+            damping = max(10.0 * damping, 1e-2)
+        if worth - before < 0.5 * STILL:
+            break
+    return point
+
+
+def _moved(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """Gap, mass ratio and damping moved one by one as long as it helps: where the load is out of sight
+    within the gap, the moments of contact jump with every number, and derivatives say little."""
+    worth = point.worth(trials)
+    for size in MOVES:
+        for k in [*range(point.gap_at, len(point.theta))]:
+            for sign in (1.0, -1.0):
+                for _ in range(TRIES):
+                    theta = point.theta
+                    theta[k] += sign * size * (theta[k] if k == point.gap_at else 1.0)
+                    tried = point.at(theta)
+                    value = tried.worth(trials)
+                    if not value > worth:
+                        break
+                    point, worth = tried, value
+    return point

@@ -1,0 +1,118 @@
+"""Play in a coupling where the loop rattles: no free run agrees with another, prediction does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.judging import judge
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.rattling import Hypothesis, settled, start
+from ffl.diagnose.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves
+
+STEP, GAP = 0.001, 5e-4
+NOISE = Noise(1e-6, 0.01)
+
+
+@pytest.fixture(scope="module")
+def plant():
+    """Two masses of 5 kg on a spring of 45 Hz, driven at one and measured at the other."""
+    zeros = np.array([-6.758, -0.6914, -0.02822])
+    poles = np.array([0.9994, 1.0, 0.9556 + 0.2686j, 0.9556 - 0.2686j])
+    servo_zeros, servo_poles = np.array([0.9852, 0.9944, -1.0]), np.array([0.7991, 0.7637, 1.0])
+    return Plant(
+        "stage",
+        Zpk(zeros, poles, 1.3585e-8, STEP),
+        Controller.of_error(Zpk(servo_zeros, servo_poles, 409.5, STEP)),
+        "A",
+        "m",
+        "made for the tests",
+        Physics(14.7, 36.4),
+        Imperfections(1e-7, 1e-6, 0.01, None),
+    )
+
+
+def path(*signs):
+    steps = [Move(0.2 + 0.6 * k, 0.05 * s, 0.25, 4.0, 200.0) for k, s in enumerate(signs)]
+    return moves(steps, 2.6, STEP)
+
+
+def records(plant, seed=0):
+    machine, rng = SimulatedMachine(plant), np.random.default_rng(seed)
+    return [machine.run(r, 0 * r, rng) for r in (path(1, -1, 1, -1), path(1, 1, -1, -1))]
+
+
+@pytest.fixture(scope="module")
+def worn(plant):
+    spec = EffectSpec(
+        "backlash", {"gap": GAP}, {"kind": "coupling", "mass_ratio": 0.7, "damping": 0.04}
+    )
+    return replace(plant, effects=(spec,))
+
+
+@pytest.fixture(scope="module")
+def rattling(worn):
+    return records(worn)
+
+
+def scene_of(plant, recordings):
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
+    trials = tuple(prepare(base.simulator, r, 1e-6) for r in recordings)
+    return Scene(plant.loop, trials, NOISE), Model(base)
+
+
+def test_without_a_gap_it_predicts_what_whitening_leaves(plant):
+    scene, model = scene_of(plant, records(plant))
+    mode = model.base.simulator.mechanics.modes[1]
+    own = mode.damping / (2.0 * np.sqrt(mode.stiffness))
+    without = Hypothesis.of(model, 1e-12, 0.7, NOISE, own)
+    white, logs = without.predict(scene.trials)
+    free = scene.whiten(scene.residuals(model))
+    assert np.mean((white - free)[500:] ** 2) < 1e-3
+    likelihood = -0.5 * (white @ white) - logs.sum()
+    assert likelihood == pytest.approx(scene.log_likelihood(free), abs=20.0)
+
+
+def test_two_free_runs_of_one_rattling_machine_part_and_their_predictions_do_not(
+    plant, worn, rattling
+):
+    scene, model = scene_of(plant, rattling)
+    true = replace(model, effects=worn.effects)
+    white = scene.whiten(scene.residuals(true))
+    assert np.mean(white**2) > 30.0
+    ahead, _ = Hypothesis(true, NOISE).predict(scene.trials)
+    assert np.mean(ahead**2) < 2.0
+
+
+def test_the_play_is_found_by_prediction(plant, rattling):
+    scene, model = scene_of(plant, rattling)
+    begun = start(scene, model)
+    assert begun is not None
+    (spec,) = settled(begun, scene).model.effects
+    assert spec.parameters["gap"] == pytest.approx(GAP, rel=0.1)
+    assert spec.options["damping"] == pytest.approx(0.04, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "effects", [(), (EffectSpec("coulomb_friction", {"level": 8.0}, {"side": "load"}),)]
+)
+def test_neither_noise_nor_friction_is_foretold_better_by_a_play(plant, effects):
+    scene, model = scene_of(plant, records(replace(plant, effects=effects)))
+    begun = start(scene, model)
+    if begun is not None:
+        nothing = judge(scene, None, model, rounds=6)
+        assert settled(begun, scene).scaled(scene.trials)[0] < nothing.fitted + 10.0
+
+
+def test_a_rattling_loop_is_diagnosed(plant, rattling):
+    found = diagnose(plant, rattling[:1], rattling[1:]).answer()
+    assert found["verdict"] in ("explained", "partly_explained")
+    (effect,) = found["effects"]
+    assert effect["name"] == "backlash"
+    assert effect["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.1)
+    assert any("rattles" in note for note in found["notes"])
