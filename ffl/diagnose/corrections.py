@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import slight
-from ffl.diagnose.linear import modal_terms
+from ffl.diagnose.linear import is_process, modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.result import ModelCorrection
 
@@ -33,6 +33,10 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
             continue
         if c.name == "damping" and abs(value) > HUNDREDFOLD * damping:
             out.append(ModelCorrection(c.name, value, float(spread), "1/s"))
+            continue
+        if c.name == "mass" and is_process(plant, standing.model.base.simulator.mechanics):
+            gain = 1.0 / (1.0 + value)
+            out.append(ModelCorrection("gain", gain - 1.0, float(spread) * gain**2))
             continue
         scale = 1.0 / damping if c.name == "damping" else 1.0
         out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))

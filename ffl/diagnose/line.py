@@ -13,7 +13,7 @@ import numpy as np
 
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, raw_residuals
-from ffl.diagnose.linear import modal_terms
+from ffl.diagnose.linear import is_process, modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
 from ffl.systems.plant import EffectSpec, Plant
@@ -35,9 +35,10 @@ def slight(spec: EffectSpec, plant: Plant) -> bool:
 
 
 def sizes(scene: Scene, model: Model) -> dict[str, float]:
-    """Signed size of each correction in the contract's terms: relative mass, share of RMS force."""
+    """Signed size of each correction in the contract's terms: relative mass, share of RMS force; none
+    for a process, whose gain and lags are corrections at any size."""
     mechanics = model.base.simulator.mechanics
-    if not mechanics.modes:
+    if not mechanics.modes or is_process(model.base.plant, mechanics):
         return {}
     mass = mechanics.moving_mass * (1.0 + model.corrections.get("mass", 0.0))
     runs = [model.simulate(trial) for trial in scene.trials]
@@ -129,7 +130,7 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     model, travel = judged.model, judged.model.base.travel
     if "constant_load" not in model.names or "stiffness" not in model.corrections:
         return judged
-    size = sizes(scene, model)["stiffness"]
+    size = sizes(scene, model).get("stiffness", 0.0)
     index = model.names.index("constant_load")
     load = model.effects[index]
     values = _effect_values(model, "stiffness")

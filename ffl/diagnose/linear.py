@@ -8,6 +8,8 @@ mass         every residue divided by 1 + value (damping and stiffness of the ri
 damping      d of the rigid body, value in units of 1/s at nominal mass;
 stiffness    relative change of k of the first mode, where it is bound;
 mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode.
+
+`without_zero` is a choice, not a number that is fitted: the zero of two lags goes.
 """
 
 from __future__ import annotations
@@ -18,12 +20,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
+from ffl.effects.cascade import lags
 from ffl.effects.mechanics import Mechanics, Mode
 from ffl.machines.simulator import Simulator
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace, series
 from ffl.systems.zpk import Zpk
 
+A_ZERO = 0.005  # of the sum of two lags: a faster zero is that of the hold, or rounding
+WITHOUT_ZERO = "without_zero"
 BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
 BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slower than 1 kHz
 
@@ -65,6 +70,26 @@ def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
     return tuple(out)
 
 
+def has_zero(mechanics: Mechanics) -> bool:
+    """Two real lags with a zero that is not the hold's: y'' + d y' + k y = c (u + lead u')."""
+    if len(lags(mechanics)) != 2:
+        return False
+    mode = mechanics.modes[0]
+    damping, stiffness = modal_terms(mechanics, mode)
+    at_once = float(mode.position @ mechanics.b)
+    lead = at_once / (float(mode.velocity @ mechanics.b) + damping * at_once)
+    return abs(lead) > A_ZERO * damping / stiffness
+
+
+def _without_zero(mechanics: Mechanics) -> Array:
+    """b of two lags that y follows with a slope of its own only, the gain at rest as it was."""
+    mode = mechanics.modes[0]
+    damping, _ = modal_terms(mechanics, mode)
+    at_once = float(mode.position @ mechanics.b)
+    seen = np.vstack([mode.position, mode.velocity])
+    return mechanics.b - np.linalg.solve(seen, np.array([at_once, -damping * at_once]))
+
+
 def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
     """`mechanics` with the named changes; itself where all are zero."""
     if not any(values.values()):
@@ -76,6 +101,8 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
         fast = StateSpace(fast.a, fast.b, fast.c * factor, fast.d * factor, fast.sample_time)
         return replace(mechanics, b=b * factor, d=d * factor, fast=fast, exact=None)
     gain = 1.0 / (1.0 + values.get("mass", 0.0))
+    if values.get(WITHOUT_ZERO):
+        b = _without_zero(mechanics)
     modes = []
     for i, mode in enumerate(mechanics.modes):
         damping, stiffness = modal_terms(mechanics, mode)
@@ -146,6 +173,13 @@ def discrete(mechanics: Mechanics) -> StateSpace:
         line = Zpk(np.zeros(0), np.zeros(0), 1.0, step, mechanics.delay).state_space()
         slow = series(line, slow)
     return slow
+
+
+def is_process(plant: Plant, mechanics: Mechanics) -> bool:
+    """Lags in a row that drive no stated mass: a process has a gain and lags, neither mass nor spring."""
+    physics = plant.physics
+    stated = physics.mass is not None or physics.motor_constant is not None
+    return bool(len(lags(mechanics))) and not stated
 
 
 def corrected_plant(plant: Plant, mechanics: Mechanics, values: Mapping[str, float]) -> Plant:

@@ -16,12 +16,12 @@ import scipy.fft
 import scipy.optimize
 
 from ffl.diagnose.fit import Fit, Scene
-from ffl.diagnose.linear import discrete
+from ffl.diagnose.linear import discrete, is_process
 from ffl.diagnose.model import Model
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import triangle
 from ffl.effects import EFFECTS, Effect, Motion
-from ffl.effects.cascade import BETWEEN, lags
+from ffl.effects.cascade import BETWEEN, OUT, lags
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array, StateSpace
@@ -104,17 +104,18 @@ def places_of(model: Model) -> list[Place]:
 
 def flow_places(model: Model, effect: Effect) -> list[Place]:
     """The stages of a plant that is a row of real lags and drives no known mass: either lag may be
-    the upper stage, and is for all effects alike."""
-    physics = model.base.plant.physics
-    count = len(lags(model.base.simulator.mechanics))
-    if count < effect.stages or physics.mass is not None or physics.motor_constant is not None:
+    the upper stage, and is for all effects alike. What overflows or empties is a tank for all of them."""
+    mechanics = model.base.simulator.mechanics
+    count = len(lags(mechanics))
+    if count < effect.stages or not is_process(model.base.plant, mechanics):
         return []
-    known = {
-        str(e.options.get("side", BETWEEN[0])).removeprefix("after_")
-        for e in model.acting
-        if EFFECTS[e.name].port == "flow"
-    }
-    sides = [s for s in effect.sides[:count] if not known or s.removeprefix("after_") in known]
+    if count == 1:
+        return [Place("flow", OUT[0])]
+    known = {str(e.options.get("side", "")) for e in model.acting if EFFECTS[e.name].port == "flow"}
+    upper = {side.removeprefix("after_") for side in known}
+    sides = [s for s in effect.sides if not upper or s.removeprefix("after_") in upper]
+    if known & set(BETWEEN):  # the upper stage is a tank as well as the lower one
+        sides = [s for s in sides if s in BETWEEN] or sides
     return [Place("flow", side) for side in sides]
 
 

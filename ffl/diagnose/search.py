@@ -32,6 +32,7 @@ from ffl.diagnose.judging import (
 )
 from ffl.diagnose.ladders import overlooked, with_best_start
 from ffl.diagnose.line import crosses
+from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Candidate, Screen
 from ffl.diagnose.starts import with_clocks, with_starts
@@ -121,6 +122,7 @@ def contest(
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
         base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
+        base = plain_lags(quiet, held, base, say)
         last_contenders = contenders
         if base.model.effects:
             base, contenders = settle(
@@ -183,6 +185,23 @@ def contest(
         standing, again = accepted, False
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def plain_lags(
+    quiet: Scene, held: Scene | None, base: Judged, say: Callable[[str], None]
+) -> Judged:
+    """Two lags without their zero where, beside effects, they do as well: a linear model that was fitted
+    to a machine with the effect bends, and a zero is what two lags have to bend with."""
+    model = base.model
+    if not model.effects or WITHOUT_ZERO in model.corrections:
+        return base
+    if not has_zero(model.base.simulator.mechanics):
+        return base
+    corrections = {**model.corrections, WITHOUT_ZERO: 1.0}
+    plain = replace(model, corrections=corrections, held=model.held | {WITHOUT_ZERO})
+    other, base = levelled([judge(quiet, held, plain, 8), base])
+    say(f"  the lags without their zero: {other.score - base.score:+.1f}")
+    return other if other.score >= base.score else base
 
 
 def screens(quiet: Scene, base: Judged, first: bool) -> list[Screen]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Part, Setting
-from ffl.effects.cascade import BETWEEN, lags
+from ffl.effects.cascade import BETWEEN, OUT, lags
 from ffl.effects.law import X0
 from ffl.effects.solve import bulge_of, end_motion, set_curve
 from ffl.systems.plant import Plant
@@ -38,12 +38,13 @@ class Outflow(Effect):
 
     x is the level of the stage on the scale of the sensor (see `ffl.effects.cascade`). With both
     stages at rest at one flow the same two numbers hold for both: each is empty where nothing flows.
-    `side`: the lag that is the upper stage.
+    `side`: the lag that is the upper stage; "after_slow", "after_fast": the lower stage alone, where
+    the upper one is no tank but just that lag.
     """
 
     name = "outflow"
     port = "flow"
-    sides = BETWEEN
+    sides = (*BETWEEN, *OUT)
     default_side = BETWEEN[0]
     parameters = (
         Parameter("empty", "x", lower=-np.inf),
@@ -67,7 +68,9 @@ class Outflow(Effect):
     def parts(self, values: Parameters, setting: Setting) -> list[Part]:
         packed = [values["centre"] - values["empty"], values["empty"]]
         side = self.side_in(setting)
-        places = [f"after_{side}", side] if len(lags(setting.mechanics)) == 2 else ["after_slow"]
+        places = [side] if side in OUT else [f"after_{side}", side]
+        if len(lags(setting.mechanics)) == 1:
+            places = list(OUT[:1])
         return [Part(place, None, _law, packed) for place in places]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:

@@ -87,5 +87,5 @@ def test_flows_are_offered_to_lags_in_a_row_alone():
     ringing = Plant("p", Zpk([], [0.9 + 0.3j, 0.9 - 0.3j], 0.1, STEP))
     assert not flow_places(Model(Base.of(ringing)), outflow)
     one = Model(Base.of(Plant("p", Zpk([], [0.9], 0.1, STEP))))
-    assert [p.side for p in flow_places(one, outflow)] == ["slow"]
+    assert [p.side for p in flow_places(one, outflow)] == ["after_slow"]
     assert not flow_places(one, overflow)
