@@ -24,6 +24,9 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
 }
 REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
 LOBE = 0.5  # of a period over the travel: how far a start may be from the period it stands for
+# Below one half Bouc and Wen's force gives back more than it took on a closed path (at 0 it forgets the
+# path and is a spring that gives way: gravity on a joint passed for it).
+PASSIVE = {("hysteresis", "beta"): 0.5}
 # Presliding friction and hysteresis are one law at two lengths: a contact that gives way over a
 # small part of the travel before it slides, a force that remembers the path over a large one.
 CONTACT = 0.025  # of the travel
@@ -193,6 +196,8 @@ class Model:
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
             high = min(np.log(upper), at + reach)
             low = max(low, self._shortest(spec, parameter.name))
+            least = PASSIVE.get((spec.name, parameter.name), 0.0)
+            low = max(low, np.log(least)) if least else low
             high = max(high, low + 0.1)
             return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True)
         alike = [
