@@ -105,7 +105,7 @@ def conclude(
         findings=findings if said not in ("unnamed", "inconclusive") else (),
         corrections=() if maps or said == "inconclusive" else corrections(standing),
         proof=proof,
-        advice=_advice(said, place, experiment),
+        advice=_advice(said, place, experiment, model),
         experiment=experiment,
         soundness=health,
         steps=tuple(outcome.steps),
@@ -176,9 +176,22 @@ def _p_value(name: str, steps: list[Step]) -> float | None:
     return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
 
 
-def _advice(said: str, place: where.Place, experiment: Experiment | None) -> tuple[str, ...]:
+def _other_model(model: Plant) -> str:
+    """What to try where the model is unlike the machine; not once more what it came from."""
+    if not model.source.startswith("ffl identify linear"):
+        return "identify a linear model of this machine first: ffl identify linear"
+    return (
+        "the model was identified from a recording that its form does not fit, feedback or strong "
+        'physics in it: state what is known instead (mass or inertia as form = "czpk", and the '
+        "[controller]), or identify from small motion, or without the controller"
+    )
+
+
+def _advice(
+    said: str, place: where.Place, experiment: Experiment | None, model: Plant
+) -> tuple[str, ...]:
     if said == "inconclusive" and "unlike" in place.where:
-        return ("identify a linear model of this machine first: ffl identify linear",)
+        return (_other_model(model),)
     if said == "inconclusive" and "hold" in place.where:
         return (
             "fit and judge by recordings over the same range, or begin with ffl identify linear",
@@ -234,6 +247,5 @@ def too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
 
 def unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:
     return _ended(
-        model, health, why, "plant",
-        "identify a linear model of this machine first: ffl identify linear",
+        model, health, why, "plant", _other_model(model)
     )  # fmt: skip

@@ -7,6 +7,7 @@ from ffl.diagnose.line import slight
 from ffl.diagnose.linear import is_process, modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.result import ModelCorrection
+from ffl.effects import EFFECTS
 
 # A damping that is nothing but rounding (a free mass from czpk poles at 0: 1e-12/s) is no measure of
 # what was found: beyond a hundred times the stated one the number is given as it is.
@@ -51,6 +52,9 @@ def _of_stated(model: Model, index: int, name: str, spread: float, log: bool):  
     if stated == 0.0 or abs(found - stated) < 3.0 * error:
         return []
     label = f"{model.stated[index].name}.{name}"
+    if abs(found) > HUNDREDFOLD * abs(stated):  # as good as none was stated
+        unit = EFFECTS[model.stated[index].name].parameter(name).unit_in(model.base.plant)
+        return [ModelCorrection(label, found - stated, abs(error), unit)]
     return [ModelCorrection(label, found / stated - 1.0, abs(error / stated))]
 
 

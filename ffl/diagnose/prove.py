@@ -17,6 +17,8 @@ from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
+LOUDER = 2.0  # times all that is left: an estimate of noise beyond it has taken physics for noise
+
 
 @dataclass(frozen=True)
 class Overlay:
@@ -124,11 +126,15 @@ def prove(
         for t, a, b in zip(trials, before, after, strict=True)
     )
     errors = [(t.y - a.y, t.y - b.y) for t, a, b in zip(trials, before, after, strict=True)]
+    floor, left = (
+        float(np.sqrt(variance)) / scale if scale > 0 else 0.0,
+        nrmse(y, [s.y for s in after]),
+    )
     return Proof(
         tuple(t.name for t in trials),
         nrmse(y, [s.y for s in before]),
-        nrmse(y, [s.y for s in after]),
-        float(np.sqrt(variance)) / scale if scale > 0 else 0.0,
+        left,
+        floor if floor < LOUDER * left else left,
         u_before,
         u_after,
         u_floor,
