@@ -40,7 +40,7 @@ def sizes(scene: Scene, model: Model) -> dict[str, float]:
     mechanics = model.base.simulator.mechanics
     if not mechanics.modes or is_process(model.base.plant, mechanics):
         return {}
-    mass = mechanics.moving_mass * (1.0 + model.corrections.get("mass", 0.0))
+    mass = mechanics.moving_mass  # damping and stiffness are in force per motion, whatever moves
     runs = [model.simulate(trial) for trial in scene.trials]
     v = np.concatenate([run.v for run in runs])
     x = np.concatenate([run.x for run in runs])

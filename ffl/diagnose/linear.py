@@ -4,7 +4,7 @@ Taken apart into modes (`ffl.effects.mechanics`), each is eta'' + d eta' + k eta
 corrections act on these numbers and leave the shape of the modes alone:
 
 mass         every residue divided by 1 + value (damping and stiffness of the rigid body, per mass,
-             divided with it: they stay what they are in newton);
+             divided with it: they stay what they are in newton); of lags in a row: of the gain alone;
 damping      d of the rigid body, value in units of 1/s at nominal mass;
 stiffness    relative change of k of the first mode, where it is bound;
 mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode.
@@ -110,7 +110,7 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
         if i == 0:
             new_d = (damping + values.get("damping", 0.0)) * gain
             new_k = stiffness * (1.0 + values.get("stiffness", 0.0)) * gain
-            if "stiffness" in values:  # bound stages: mass is a matter of gain alone
+            if "stiffness" in values and len(lags(mechanics)):  # a process has a gain, not a mass
                 new_d, new_k = new_d / gain, new_k / gain
         else:
             w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)

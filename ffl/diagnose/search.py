@@ -337,6 +337,10 @@ def challengers(
     of these `only` the ones so named."""
     spec = current.model.effects[index]
     names = list(EFFECTS[spec.name].siblings)
+    if (
+        spec.name in DRY
+    ):  # whichever form came in first, the pliable one is another of the same force
+        names += PLIABLE
     for step in steps:
         if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
             names += [r.model.names[-1] for r in step.rivals[:4]]

@@ -10,8 +10,11 @@ import pytest
 from ffl.diagnose.events import events
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.imitate import drawn
+from ffl.diagnose.line import sizes
+from ffl.diagnose.linear import corrected
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.plain import too_loud
 from ffl.diagnose.prove import run_plant
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.unfold import looks_folded
@@ -94,3 +97,59 @@ def test_slow_noise_makes_no_bursts(spring):
     bursts = compare(scene, None, model, found, rng).events
     assert bursts is not None
     assert not bursts.found
+
+
+def slow_strokes(model, noise=1e-8, seed=1):  # type: ignore[no-untyped-def]
+    """What slow strokes show of a machine, and the trial under the plain spring."""
+    t = STEP * np.arange(5000)
+    u = 2.0 * np.sin(2 * np.pi * 0.7 * t) ** 3
+    clean = model.base.simulator.run(model.effects, feedforward=u).y
+    y = clean + noise * np.random.default_rng(seed).standard_normal(len(t))
+    r = Recording(t, 0 * u, u, u, y, sample_time=STEP)
+    return prepare(Base.of(model.base.plant).simulator, r, noise)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "effect"),
+    [
+        ("mass", 0.1, EffectSpec("mass_change", {"change": 0.1})),
+        ("stiffness", 0.1, EffectSpec("linear_stiffness", {"stiffness": 0.1 * MASS * W**2})),
+        ("damping", 5.0, EffectSpec("viscous_friction", {"coefficient": 5.0 * MASS})),
+    ],
+)
+def test_a_correction_of_a_spring_stage_is_the_effect_it_grows_into(spring, name, value, effect):
+    """Mass is inertia, not the gain: what holds the stage still at a command stays what it is."""
+    base = Base.of(spring)
+    values = {**dict.fromkeys(("mass", "damping", "stiffness"), 0.0), name: value}
+    ours = base.simulator.with_mechanics(corrected(base.simulator.mechanics, values))
+    u = np.sin(2 * np.pi * 20.0 * STEP * np.arange(1000) ** 1.02)
+    wanted = base.simulator.run((effect,), feedforward=u).y
+    np.testing.assert_allclose(ours.run((), feedforward=u).y, wanted, atol=1e-6 * np.ptp(wanted))
+
+
+def test_a_mass_that_slow_motion_hardly_shows_is_found_in_few_steps(spring):
+    """As gain and stiffness that must move together along a bent valley it took more rounds than a
+    hypothesis has; what was added next had the rest of the way for its own."""
+    effect = EffectSpec("mass_change", {"change": 0.12})
+    trial = slow_strokes(Model(Base.of(spring), effects=(effect,)))
+    scene = Scene(spring.loop, (trial,), Noise(1e-8, 1e-6))
+    found = fit(scene, Model(Base.of(spring)), rounds=6)
+    assert found.status == "converged"
+    assert found.model.corrections["mass"] == pytest.approx(0.12, abs=0.01)
+    size = sizes(scene, found.model)
+    assert size["mass"] == pytest.approx(0.12, abs=0.01)
+    assert abs(size["stiffness"]) < 1e-3
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_mode_that_is_missing_is_no_reason_to_give_up_a_noise_that_is_stated(spring, stated):
+    """Its power asks for force noise that the stage's own resonance would make far more of."""
+    mode = EffectSpec("flexible_mode", {"frequency": 70.0, "damping": 0.01, "mass_fraction": 0.1})
+    base, rng = Base.of(spring), np.random.default_rng(2)
+    t = STEP * np.arange(5000)
+    u = np.sin(2 * np.pi * 70.0 * t) + rng.standard_normal(len(t))
+    y = base.simulator.run((mode,), feedforward=u).y
+    trial = prepare(base.simulator, Recording(t, 0 * u, u, u, y, sample_time=STEP), 1e-9)
+    noise = Noise(1e-9, 0.01)
+    scene = Scene(spring.loop, (trial,), noise, loudest=noise.scaled(3.0) if stated else None)
+    assert too_loud(scene, Model(base)) is not stated
