@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ffl.diagnose.linear import is_process
 from ffl.effects import Effect, Motion
 from ffl.systems.state_space import Array
 
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
     from ffl.diagnose.screen import Place, Screen
 
 PASSES = 2.0  # of a sine within the recording: of fewer nothing is seen to repeat
-PLACES = 3.0  # the same within the travel, where a bend of any kind is nearly a sine of few periods
+PLACES = 1.0  # the same within the travel
+LEVELS = (
+    3.0  # the same in a process, where nothing turns and a bend is nearly a sine of few periods
+)
 PEAKS = 6
 FLOOR = 1e-3  # of the largest norm: below it the loop passes nothing on, and rounding would win
 
@@ -37,10 +41,12 @@ def periods(screen: Screen, effect: Effect, place: Place) -> list[Mapping[str, f
     pieces = np.split(screen.residual, np.cumsum(lengths)[:-1])
     forces = [adjoint(e, h) for e, h in zip(pieces, impulses, strict=True)]
     power = _Power(impulses[0], motions[0].sample_time)
+    base = screen.model.base
+    fewest = LEVELS if is_process(base.plant, base.simulator.mechanics) else PLACES
     if effect.scan == "time":
         name, numbers, score = "frequency", *_over_time(motions, forces, power)
     else:
-        name, numbers, score = "period", *_over_position(motions, forces, power)
+        name, numbers, score = "period", *_over_position(motions, forces, power, fewest)
     if not len(numbers):
         return []
     inner = (score[1:-1] >= score[:-2]) & (score[1:-1] >= score[2:])
@@ -79,7 +85,7 @@ def _over_time(motions: list[Motion], forces: list[Array], power: _Power):  # ty
     return frequencies[usable], score[usable]
 
 
-def _over_position(motions: list[Motion], forces: list[Array], power: _Power):  # type: ignore[no-untyped-def]
+def _over_position(motions: list[Motion], forces: list[Array], power: _Power, fewest: float):  # type: ignore[no-untyped-def]
     joined_x = np.concatenate([m.x for m in motions])
     speed = np.abs(np.concatenate([m.v for m in motions]))
     force = np.concatenate(forces)
@@ -87,7 +93,7 @@ def _over_position(motions: list[Motion], forces: list[Array], power: _Power):  
     # so a period may pass in few samples of the fastest motion, as long as most of it shows more.
     moves = np.concatenate([np.abs(np.diff(m.x)) for m in motions])
     usual = float(np.median(moves[moves > 0.05 * moves.max(initial=0.0)])) if moves.any() else 0.0
-    numbers = np.arange(PLACES, 400.0, 0.25) / max(np.ptp(joined_x), 1e-300)
+    numbers = np.arange(fewest, 400.0, 0.25) / max(np.ptp(joined_x), 1e-300)
     numbers = numbers[numbers < max(0.3 / max(usual, 1e-300), numbers[2])]
     if not len(numbers):
         return numbers, numbers
