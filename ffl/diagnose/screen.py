@@ -331,8 +331,21 @@ class Screen:
 
 
 def effect_columns(effect: Effect, coefficients: Array) -> int:
-    """Coefficients that belong to the first recording where every one has its own phase."""
-    return 2 if effect.scan == "time" else len(coefficients)
+    """Coefficients that belong to the first recording where every one has its own phase or beginning."""
+    return {"periodic_disturbance": 2, "drift": 1}.get(effect.name, len(coefficients))
+
+
+def _begun_apart(settling: Sequence[Array], one: float) -> list[Array]:
+    """Columns of a force that settles, one (1 - exp(-t/T)) in the first recording, and of which every
+    other one may show any later part: one column for the force, one more for each of those."""
+    out = []
+    for k, column in enumerate(settling):
+        table = np.zeros((len(column), len(settling)))
+        table[:, 0] = column[:, 0]
+        if k:
+            table[:, k] = one - column[:, 0]
+        out.append(table)
+    return out
 
 
 def _apart(columns: Array, lengths: Sequence[int]) -> Array:

@@ -144,8 +144,8 @@ def contest(
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
         taken = _excluded(base.model)
-        if scene.free_clocks:  # a slow force cannot be carried from one unknown clock to another
-            taken.add("drift")
+        if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
+            taken |= TIMED
         screened = []
         entrants: list[Candidate] = []
         for screen in screens(quiet, base, not steps):
@@ -240,6 +240,8 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
     }
 )
 
+
+TIMED = {"periodic_disturbance", "drift"}
 
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
 # no plain one earns more, and only where plain dry friction, their mean, has earned its place.

@@ -12,6 +12,7 @@ from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
 
 SECONDS = 1.0  # what the start still shows in
+SETTLED = 30.0  # time constants after which a drift is over
 
 
 def with_starts(scene: Scene, model: Model, rounds: int = 2) -> Scene:
@@ -70,11 +71,19 @@ def _spread(trial: Trial, model: Model) -> np.ndarray:
 
 def with_clocks(scene: Scene, model: Model, from_trial: int) -> Scene:
     """The scene with the unknown clock offsets of trials `from_trial` onwards fitted to the model's
-    periodic disturbance: its phase in each recording is free, frequency and amplitude are not."""
-    names = [e.name for e in model.effects]
-    if not scene.free_clocks or "periodic_disturbance" not in names:
+    periodic disturbance, whose phase in each recording is free, frequency and amplitude are not, or to
+    its drift, of which each recording may show a later part."""
+    if not scene.free_clocks:
         return scene
-    index = names.index("periodic_disturbance")
+    names = [e.name for e in model.effects]
+    if "periodic_disturbance" in names:
+        return _in_phase(scene, model, names.index("periodic_disturbance"), from_trial)
+    if "drift" in names:
+        return _warmed(scene, model, names.index("drift"), from_trial)
+    return scene
+
+
+def _in_phase(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
     period = 1.0 / float(model.effects[index].parameters["frequency"])
     quiet = model.without(index)
     trials = list(scene.trials[:from_trial])
@@ -88,5 +97,25 @@ def with_clocks(scene: Scene, model: Model, from_trial: int) -> Scene:
             a, b = np.linalg.lstsq(table[:, :2], table[:, 2], rcond=None)[0]
             turn = np.arctan2(b, a) / (2 * np.pi)
             trial = replace(trial, start_time=trial.start_time + turn * period)
+        trials.append(trial)
+    return replace(scene, trials=tuple(trials))
+
+
+def _warmed(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
+    """With what is left of the settling, g in 1 - g exp(-t/T), 0 to 1, as each recording shows it: to
+    first order y is linear in it, between a recording begun at t = 0 and one begun long after."""
+    spec = model.effects[index]
+    if spec.options.get("kind", "exponential") != "exponential":
+        return scene
+    settling = float(spec.parameters["time_constant"])
+    trials = list(scene.trials[:from_trial])
+    for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
+        late = model.simulate(replace(trial, start_time=SETTLED * settling)).y
+        early = model.simulate(replace(trial, start_time=0.0)).y
+        table = whitener(np.column_stack([early - late, trial.y - late]))
+        if np.all(np.isfinite(table)):
+            left = float(table[:, 0] @ table[:, 1]) / max(float(table[:, 0] @ table[:, 0]), 1e-300)
+            left = min(max(left, np.exp(-SETTLED)), 1.0)
+            trial = replace(trial, start_time=-settling * float(np.log(left)))
         trials.append(trial)
     return replace(scene, trials=tuple(trials))

@@ -1,0 +1,41 @@
+"""Recordings whose clocks overlap: what belongs to a time of its own in each of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.machines import SimulatedMachine
+from ffl.systems.plant import EffectSpec
+
+
+def test_a_drift_that_only_the_first_recording_shows_from_its_beginning_is_named(stage, references):
+    """The machine warms up in the first recording and is warm in the others; every clock begins at 0."""
+
+    def run(effect, reference, seed):
+        machine = SimulatedMachine(replace(stage, effects=(effect,)))
+        return machine.run(reference, np.zeros_like(reference), np.random.default_rng(seed))
+
+    cold = EffectSpec("drift", {"amplitude": 3.0, "time_constant": 1.5})
+    warm = EffectSpec("constant_load", {"force": 3.0})
+    first = run(cold, references[0], 0)
+    later = [run(warm, r, 1 + k) for k, r in enumerate(references)]
+    found = diagnose(stage, [first, later[0]], later[1:]).answer()
+    (effect,) = found["effects"]
+    assert found["verdict"] == "explained"
+    assert effect["name"] == "drift"
+    assert effect["parameters"]["amplitude"]["value"] == pytest.approx(3.0, rel=0.02)
+    assert effect["parameters"]["time_constant"]["value"] == pytest.approx(1.5, rel=0.05)
+
+
+def test_a_load_that_is_always_there_is_no_drift(stage, references):
+    machine = SimulatedMachine(
+        replace(stage, effects=(EffectSpec("constant_load", {"force": 3.0}),))
+    )
+    records = [
+        machine.run(r, np.zeros_like(r), np.random.default_rng(k))
+        for k, r in enumerate((*references, references[0]))
+    ]
+    found = diagnose(stage, records[:2], records[2:]).answer()
+    assert [e["name"] for e in found["effects"]] == ["constant_load"]
