@@ -165,7 +165,18 @@ def _trial(model: Model, signal: Array, lim: Limits, step: float, closed: bool) 
         reference, command = zero, 0.5 * sum(lim.command) + signal
         start = rest_under(simulator, float(command[0]), float(command[0]), lim.middle)
     return Trial(
-        "experiment", 0.0, step, reference, command, None, zero, zero, start, np.zeros((0, 0)), True
+        "experiment",
+        0.0,
+        step,
+        reference,
+        command,
+        None,
+        zero,
+        zero,
+        start,
+        np.zeros((0, 0)),
+        True,
+        simulator.mechanics,
     )
 
 

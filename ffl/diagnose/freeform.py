@@ -135,7 +135,7 @@ def _bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
     if residuals is None:
         return None
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
-    model = fit(quiet, model, rounds=4).model
+    model = fit(quiet, model).model
     return _judged(quiet, held, FreeModel(model), 0.0)
 
 

@@ -11,7 +11,7 @@ from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Place, Screen
 from ffl.diagnose.terms import Ranges, Term
-from ffl.diagnose.trials import Trial
+from ffl.diagnose.trials import Trial, start_of
 from ffl.effects import Motion
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
@@ -94,9 +94,10 @@ class FreeModel:
         load = ports.get("command")
         if trial.load is not None:
             load = trial.load if load is None else load + trial.load
+        start = start_of(self.model.base.simulator, self.model.acting, trial)
         return self.model.simulator.run(
             self.model.acting, trial.reference, trial.feedforward, force=load,
-            noise=ports.get("output"), start=trial.start, start_time=trial.start_time,
+            noise=ports.get("output"), start=start, start_time=trial.start_time,
             before=trial.before, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
             applied=(ports["force"], side) if side else None,
         )  # fmt: skip

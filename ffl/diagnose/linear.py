@@ -150,6 +150,33 @@ def simulator_with(simulator: Simulator, values: Mapping[str, float]) -> Simulat
     return simulator.with_mechanics(mechanics)
 
 
+def carried(state: Array, before: Mechanics, after: Mechanics) -> Array:
+    """The state of `before` (`own` of it, in front of what follows) as one of `after`, a plant of the
+    same modes in other coordinates: what every mode reads, and what is left of the output's row and
+    its derivatives, stays the same."""
+    n = before.own
+    if n != after.own:
+        return state
+    seen, wanted = _readings(before), _readings(after)
+    moved = np.linalg.lstsq(wanted, seen @ state[:n], rcond=1e-13)[0]
+    return np.concatenate([moved, state[n:]])
+
+
+def _readings(mechanics: Mechanics) -> Array:
+    """Rows that read the state of the plant itself in units of its own frequencies."""
+    n = mechanics.own
+    rows = []
+    for mode in mechanics.modes:
+        rate = max(np.sqrt(abs(mode.stiffness)), abs(mode.damping), BOUND)
+        rows += [mode.position[:n], mode.velocity[:n] / rate]
+    row = mechanics.rest[:n]
+    rate = max(float(np.abs(np.linalg.eigvals(mechanics.a[:n, :n])).max(initial=0.0)), BOUND)
+    for _ in range(n - 2 * len(mechanics.modes)):
+        rows.append(row)
+        row = row @ mechanics.a[:n, :n] / rate
+    return np.array(rows)
+
+
 def discrete(mechanics: Mechanics) -> StateSpace:
     """The plant under a zero-order hold, as a plant file states it."""
     if mechanics.exact is not None and not mechanics.fast.order and not mechanics.delay:

@@ -13,20 +13,26 @@ from ffl.diagnose.whitening import Whitener
 
 SECONDS = 1.0  # what the start still shows in
 SETTLED = 30.0  # time constants after which a drift is over
+MOST = 8  # steps: directions that the first second shows faintly come in slowly
+DONE = 0.1  # of the sum of squares in units of the noise: what one more step must bring
 
 
-def with_starts(scene: Scene, model: Model, rounds: int = 2) -> Scene:
-    """The scene with the starts of recordings that begin in motion fitted under `model`."""
+def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
+    """The scene with the starts of recordings that begin in motion fitted under `model`, in at most
+    `rounds` steps each."""
     trials = []
     for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
         for _ in range(0 if trial.at_rest else rounds):
-            trial = _improved(model, trial, whitener)
+            trial, gained = _improved(model, trial, whitener)
+            if gained < DONE:
+                break
         trials.append(trial)
     return replace(scene, trials=tuple(trials))
 
 
-def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
-    """One Gauss-Newton step on the plant's states, with the doubt as prior."""
+def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, float]:
+    """One Gauss-Newton step on the plant's states, with the doubt as prior, and what it takes off the
+    sum of squares."""
     n = model.base.simulator.n_plant
     order = np.flatnonzero(np.diag(trial.doubt) > 0)
     at = [k for k in range(n) if k < len(trial.start)]
@@ -35,7 +41,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     whole, trial = trial, trial.head(rows)
     run = model.simulate(trial)
     if run.diverged or not len(order):
-        return whole
+        return whole, 0.0
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
     sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
     columns = []
@@ -44,7 +50,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
         moved[k] += 0.1 * spread[k]
         other = model.simulate(replace(trial, start=moved))
         if other.diverged:
-            return whole
+            return whole, 0.0
         columns.append((other.y - run.y) / 0.1)
     j = sure(np.column_stack(columns))
     e = sure(trial.y - run.y)
@@ -54,9 +60,9 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     start[at] += step * spread[at]
     after = model.simulate(replace(trial, start=start))
     if after.diverged:
-        return whole
+        return whole, 0.0
     gained = float(e @ e) - float(np.sum(sure(trial.y - after.y) ** 2))
-    return replace(whole, start=start) if gained > 0 else whole
+    return (replace(whole, start=start) if gained > 0 else whole), gained
 
 
 def _spread(trial: Trial, model: Model) -> np.ndarray:

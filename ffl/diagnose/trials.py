@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.effects import EFFECTS
+from ffl.diagnose.linear import carried, discrete
+from ffl.effects import EFFECTS, Mechanics
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.loop import Controller
 from ffl.systems.plant import EffectSpec, Plant
-from ffl.systems.state_space import Array, StateSpace
+from ffl.systems.state_space import Array
 
 SPAN = 0.01  # s over which speed is read from y
 SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
@@ -23,7 +24,8 @@ SETTLE = 12  # rounds in which the position behind a sensor is found: its error 
 class Trial:
     """One recording: `reference`, `feedforward` and `load` (beside the command, input units) drive
     the simulated loop; `y`, `u` are measured. `start` is the loop's state at the first sample (as
-    `Simulator.run` takes it) and `doubt` its covariance over the states of the linear loop.
+    `Simulator.run` takes it) and `doubt` its covariance over the states of the linear loop, both in
+    the states of `mechanics`.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Trial:
     start: Array
     doubt: Array
     at_rest: bool
+    mechanics: Mechanics
 
     def __len__(self) -> int:
         return len(self.y)
@@ -132,7 +135,7 @@ def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple
     Least squares on the plant's free response and on that to a constant force beside u of up to half
     its size: the friction or load that the model lacks would else be taken for motion at the start.
     """
-    system = _plant_system(simulator)
+    system = discrete(simulator.mechanics)
     n = system.order
     rows = min(len(y), max(10 * n, 60))
     free = np.empty((rows, n + 1))
@@ -161,12 +164,6 @@ def _beside(simulator: Simulator, u: Array) -> Array | float:
         return 0.0
     alone = Simulator(plant, open_loop=True)
     return alone.run(plant.effects, feedforward=u).y - alone.run((), feedforward=u).y
-
-
-def _plant_system(simulator: Simulator) -> StateSpace:
-    from ffl.diagnose.linear import discrete
-
-    return discrete(simulator.mechanics)
 
 
 def starts_at_rest(recording: Recording) -> bool:
@@ -231,24 +228,28 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         start,
         doubt,
         rest,
+        simulator.mechanics,
     )
 
 
 def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) -> Array:
-    """`trial.start` with the plant where the sensor, `effects` included, shows what was measured: a
-    loop at rest has brought what it sees to the reference, not what is."""
+    """`trial.start` in the states of `simulator`, with the plant where the sensor, `effects` included,
+    shows what was measured: a loop at rest has brought what it sees to the reference, not what is."""
+    start = trial.start
+    if simulator.mechanics is not trial.mechanics:
+        start = carried(start, trial.mechanics, simulator.mechanics)
     shown = [(EFFECTS[s.name], s.parameters) for s in effects if EFFECTS[s.name].port == "output"]
     if not trial.at_rest or not shown or simulator.plant.controller is None:
-        return trial.start
+        return start
     unit = simulator.at_rest(1.0)[: simulator.n_plant]
-    measured = float(unit @ trial.start[: simulator.n_plant]) / float(unit @ unit)
+    measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
     position = measured
     for _ in range(SETTLE):
         seen = position
         for effect, values in shown:
             seen += effect.shown(values, position) - position
         position += measured - seen
-    start = trial.start.copy()
+    start = start.copy()
     start[: simulator.n_plant] += (position - measured) * unit
     return start
 

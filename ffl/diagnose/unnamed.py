@@ -73,11 +73,11 @@ def compare(
         bursts = replace(bursts, limit=max(bursts.limit, LOUDER * usual))
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     calm = loud < QUIET_ENOUGH and not bursts.found
-    maps = free_form(scene, held, nominal)
+    maps = free_form(scene, held, nominal if named else standing)
     alone = maps[-1] if maps and maps[-1].parts else None
     gains = _gains(scene, held, standing, alone) if alone else (0.0, 0.0)
     if not named:
-        if alone:
+        if alone and min(gains) > MARGIN:  # over numbers of the linear model that have converged
             return _described(Contest("unnamed", alone, None, *gains, bursts), rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
