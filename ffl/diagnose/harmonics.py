@@ -42,7 +42,7 @@ def with_harmonics(
             f"  harmonic {order} of {NAME}: {a.fitted - b.fitted:+.1f} fitted, "
             f"{a.held_out - b.held_out:+.1f} held out"
         )
-        if a.score < b.score + LEAST:
+        if a.score < b.score + LEAST or not _values(other.model)[f"amplitude_{order}"]:
             break
         current = other
     return current

@@ -192,7 +192,9 @@ class Model:
             at = float(np.log(value))
             reach = REACH.get(parameter.name, 3.0)
             if parameter.name == "period":  # half of the lobe that so many periods make
-                reach = float(np.clip(LOBE * value / (self.base.travel or np.inf), reach, 0.3))
+                travel = self.base.travel or np.inf
+                reach = float(np.clip(LOBE * value / travel, reach, 0.3))
+                upper = max(min(upper, travel), value)  # what does not come again is no period
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
             high = min(np.log(upper), at + reach)
             low = max(low, self._shortest(spec, parameter.name))

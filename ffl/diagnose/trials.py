@@ -17,6 +17,7 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 SPAN = 0.01  # s over which speed is read from y
+HOLD = 1000  # most samples over which the place of a machine at rest is read
 SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
 
 
@@ -182,6 +183,27 @@ def starts_at_rest(recording: Recording) -> bool:
     return bool(travel < 6 * spread or travel < 1e-4 * np.ptp(recording.y))
 
 
+def _standing(recording: Recording) -> float:
+    """Where a recording that begins at rest stands: y over as long as the drive holds still, or over its
+    first samples where y does not stay there. A machine that sticks keeps what is wrong with this
+    until it breaks away."""
+    drive = recording.f if recording.is_open_loop else recording.r
+    moved = np.abs(drive - drive[0]) > 1e-6 * max(float(np.ptp(drive)), 1e-300)
+    still = np.abs(recording.f - recording.f[0]) <= 1e-6 * max(float(np.ptp(recording.f)), 1e-300)
+    rows = int(np.argmax(moved | ~still)) or len(recording)
+    short = recording.y[: max(8, min(20, len(recording)))]
+    y = recording.y[: min(rows, HOLD)]
+    parts = np.array_split(y, 8)
+    if len(y) < 2 * len(short):
+        return float(np.mean(short))
+    means = np.array([np.mean(part) for part in parts])
+    spread = float(np.std(np.diff(y))) / np.sqrt(2.0)
+    slow = float(np.std(np.diff(means))) / np.sqrt(2.0)  # coloured noise moves short means too
+    off = abs(float(np.mean(means[:4]) - np.mean(means[4:])))
+    stays = off < 4.0 * max(spread / np.sqrt(len(y) / 4), slow)
+    return float(np.mean(y if stays else short))
+
+
 def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     """The trial of a recording under the plant (and controller) of `simulator`."""
     plant = simulator.plant
@@ -195,7 +217,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     delay = simulator.mechanics.delay
     start = np.zeros(n)
     doubt = np.zeros((n_plant + delay + simulator.controller.order,) * 2)
-    first = float(np.mean(recording.y[: max(8, min(20, len(recording)))])) if rest else 0.0
+    first = _standing(recording) if rest else 0.0
     known_command = np.all(np.isfinite(recording.u))
     if rest:
         start[:] = simulator.at_rest(first)
