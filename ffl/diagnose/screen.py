@@ -130,6 +130,9 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 )
 
 
+INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no mass to part
+
+
 class Screen:
     """First-order contributions of effects to y, whitened, beyond what `fit` explains."""
 
@@ -271,6 +274,8 @@ class Screen:
             return [Place(effect.port)]
         if effect.needs_mass and not self.model.simulator.mechanics.modes:
             return []  # one lag moves no mass
+        if effect.name in INERTIAL and self.is_process:
+            return []
         if self.model.simulator.mechanics.place is not None and effect.name in ABSOLUTE:
             return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ffl.diagnose import where
 from ffl.diagnose.freeform import FreeForm, words
+from ffl.diagnose.linear import is_process
 from ffl.diagnose.judging import Judged, effective
 from ffl.diagnose.noise import Noise, Paths
 from ffl.diagnose.states import goes_with, states
@@ -15,6 +16,9 @@ from ffl.systems.plant import Plant
 
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
 WHITE = 0.25  # of the samples independent: a residual with fewer is structure, not noise
+BENT = (
+    0.3  # of a mass, gain or stiffness: an engineer's is known to some per cent, now and then to 10
+)
 STRUCTURED = 1.5  # mean square of the whitened held-out residual above which structure remains
 
 
@@ -28,7 +32,7 @@ def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, wher
         names = [EFFECTS[e.name] for e in effects]
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on)
-        if contest.verdict == "named" and coloured(standing):
+        if contest.verdict == "named" and (coloured(standing) or bent(standing)):
             return "partly_explained", _left(standing, names[0].component, said, depends)
         if contest.verdict == "named":
             place = where.Place(names[0].component, said, tuple(depends))
@@ -50,6 +54,15 @@ def coloured(standing: Judged) -> bool:
     it is no noise."""
     white = standing.fit.white
     return standing.scene.plain and effective(white) < WHITE * len(white)
+
+
+def bent(standing: Judged) -> bool:
+    """Mass, gain or stiffness further off than a model of this machine can be: bent to stand in for
+    physics that has no name yet."""
+    base, numbers = standing.model.base, standing.model.corrections
+    if is_process(base.plant, base.simulator.mechanics):
+        return False  # a gain and lags are corrections at any size
+    return any(abs(numbers.get(name, 0.0)) > BENT for name in ("mass", "gain", "stiffness"))
 
 
 def _left(standing: Judged, component: str, said: str, depends: dict[str, None]) -> where.Place:
