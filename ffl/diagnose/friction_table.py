@@ -53,6 +53,8 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
         say(f"  {label} contact: {_gain(form, current)}")
         if _pays(form, current):  # the second may pay where the first alone does not
             current = form
+        elif _loses(form, current):
+            break
     last = np.inf
     while (finer := _finer(current.model)) is not None:
         if last < PER_NUMBER * (len(finer.theta) - len(current.model.theta)):
@@ -78,6 +80,11 @@ def _pays(other: Judged, current: Judged, share: float = SHARE) -> bool:
     held = other.held_out - current.held_out
     n = len(current.held_white)
     return fitted > share * len(current.fit.white) and (held > share * n or not n)
+
+
+def _loses(other: Judged, current: Judged) -> bool:
+    """Clearly worse in the fitted recordings: nothing built on it will pay."""
+    return current.fitted - other.fitted > SHARE * len(current.fit.white)
 
 
 def _simple_first(

@@ -145,6 +145,12 @@ class Screen:
         self.basis = orthonormal(fit.jacobian)
         self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
 
+    @property
+    def is_process(self) -> bool:
+        """Lags in a row that drive no stated mass."""
+        base = self.model.base
+        return is_process(base.plant, base.simulator.mechanics)
+
     def beyond(self, columns: Array) -> Array:
         """`columns`, (N,) or (N, k), beyond what the model's own freedom explains."""
         return columns - self.basis @ (self.basis.T @ columns)

@@ -18,6 +18,7 @@ import numpy as np
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.harmonics import with_harmonics
+from ffl.diagnose.imitate import imitated
 from ffl.diagnose.judging import (
     PER_NUMBER,
     QUIET,
@@ -34,7 +35,7 @@ from ffl.diagnose.ladders import overlooked, with_best_start
 from ffl.diagnose.line import crosses
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import Candidate, Screen
+from ffl.diagnose.screen import Candidate, Screen, orthonormal
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 
@@ -49,6 +50,9 @@ PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
+NOISY = (
+    8.0  # times what noise alone brings in the mean of four runs: less is what it may bring once
+)
 ELSEWHERE = 0.4  # of the first-order gain: the same physics at another point worth a fit
 
 
@@ -171,6 +175,8 @@ def contest(
         base, *rivals = levelled([base, *rivals])
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if earns(r, base, threshold)]
+        if worthy and base.model.effects:
+            worthy = louder_than_noise(base, worthy)
         if not worthy and not base.model.effects and crosses(quiet, base.model):
             # What stands is no longer nominal: it claims an effect too, and must be the better one.
             worthy = [r for r in rivals if r.score > base.score + SUBSTITUTE]
@@ -202,6 +208,29 @@ def plain_lags(
     other, base = levelled([judge(quiet, held, plain, 8), base])
     say(f"  the lags without their zero: {other.score - base.score:+.1f}")
     return other if other.score >= base.score else base
+
+
+def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
+    """Those of `rivals` that bring much more than noise alone does to their numbers in the machine as
+    `base` names it: with play, stick or a dead zone it answers noise with slow motions of its own, in
+    which a spring or a load finds hundreds of nats."""
+    scene, model = base.scene, base.model
+    alike = imitated(model.plant(), scene.trials, scene.noise, np.random.default_rng(0))
+    out = []
+    for rival in rivals:
+        last = len(model.effects)
+        kinds = [(c.kind, c.effect) for c in rival.model.coordinates]
+        own = np.array([kind == ("effect", last) for kind in kinds])
+        whole, without = (orthonormal(rival.fit.jacobian[:, k]) for k in (own | ~own, ~own))
+        brought = [
+            0.5 * float(np.sum((whole.T @ e) ** 2) - np.sum((without.T @ e) ** 2))
+            for e in (rival.scene.whiten(one.y) for one in alike)
+        ]
+        usual = float(np.mean(brought)) if brought else 0.0
+        quiet, loud = levelled([base, rival])
+        if loud.fitted - quiet.fitted > NOISY * usual or usual < np.sum(own):
+            out.append(rival)
+    return out
 
 
 def screens(quiet: Scene, base: Judged, first: bool) -> list[Screen]:
@@ -346,6 +375,8 @@ def challengers(
     for step in steps:
         if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
             names += [r.model.names[-1] for r in step.rivals[:4]]
+    if spec.name in DRY:
+        names += sorted(PLIABLE)
     company = current.model.without(index)
     taken = _excluded(company) | reserve
     wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]

@@ -6,8 +6,8 @@ import numpy as np
 
 from ffl.diagnose import where
 from ffl.diagnose.freeform import FreeForm, words
-from ffl.diagnose.linear import is_process
 from ffl.diagnose.judging import Judged, effective
+from ffl.diagnose.linear import is_process
 from ffl.diagnose.noise import Noise, Paths
 from ffl.diagnose.states import goes_with, states
 from ffl.diagnose.unnamed import Contest, component_of
