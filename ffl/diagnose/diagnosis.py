@@ -133,6 +133,7 @@ def diagnose(
         standing = judge(scene, held, standing.model, rounds=5)
     if not standing.predicted:
         standing = across_the_line(standing.scene, held, standing)
+    held = with_starts(replace(held, noise=standing.scene.noise), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others
         own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
