@@ -368,15 +368,11 @@ def challengers(
     of these `only` the ones so named."""
     spec = current.model.effects[index]
     names = list(EFFECTS[spec.name].siblings)
-    if (
-        spec.name in DRY
-    ):  # whichever form came in first, the pliable one is another of the same force
+    if spec.name in DRY:  # whichever form came in first, the table is another of the same force
         names += PLIABLE
     for step in steps:
         if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
             names += [r.model.names[-1] for r in step.rivals[:4]]
-    if spec.name in DRY:
-        names += sorted(PLIABLE)
     company = current.model.without(index)
     taken = _excluded(company) | reserve
     wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]
