@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import slight
 from ffl.diagnose.linear import is_process, modal_terms
@@ -20,6 +22,9 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
     out = []
     plant = standing.model.base.plant
     damping = _nominal_damping(standing.model)
+    process = is_process(plant, standing.model.base.simulator.mechanics)
+    if process:
+        out += _gain_at_rest(standing)
     for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):
         if c.kind == "given" and c.place is None:
             out += _of_stated(standing.model, c.effect, c.name, spread, c.log)
@@ -27,7 +32,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
             value = float(spec.parameters[c.name]) / plant.sample_time
             error = float(spread / plant.sample_time)
             out.append(ModelCorrection(spec.name, value, error, "samples"))
-        if c.kind != "correction":
+        if c.kind != "correction" or (process and c.name == "mass"):
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))
         if abs(value) < 3.0 * spread:
@@ -35,13 +40,21 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
         if c.name == "damping" and abs(value) > HUNDREDFOLD * damping:
             out.append(ModelCorrection(c.name, value, float(spread), "1/s"))
             continue
-        if c.name == "mass" and is_process(plant, standing.model.base.simulator.mechanics):
-            gain = 1.0 / (1.0 + value)
-            out.append(ModelCorrection("gain", gain - 1.0, float(spread) * gain**2))
-            continue
         scale = 1.0 / damping if c.name == "damping" else 1.0
         out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))
     return tuple(out)
+
+
+def _gain_at_rest(standing: Judged) -> list[ModelCorrection]:
+    """Of two lags, y per u at rest: what mass and stiffness are there together."""
+    names = [c.name if c.kind == "correction" else "" for c in standing.model.coordinates]
+    at = [names.index(name) for name in ("mass", "stiffness") if name in names]
+    whole = [1.0 + standing.model.corrections.get(n, 0.0) for n in ("mass", "stiffness")]
+    gain = 1.0 / float(np.prod(whole))
+    slope = np.array([-gain / (1.0 + standing.model.corrections.get(names[k], 0.0)) for k in at])
+    error = float(np.sqrt(max(slope @ standing.fit.covariance[np.ix_(at, at)] @ slope, 0.0)))
+    found = bool(at) and abs(gain - 1.0) >= 3.0 * error
+    return [ModelCorrection("gain", gain - 1.0, error)] if found else []
 
 
 def _of_stated(model: Model, index: int, name: str, spread: float, log: bool):  # type: ignore[no-untyped-def]
