@@ -14,6 +14,7 @@ from ffl.diagnose.linear import discrete
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.screen import nothing
 from ffl.diagnose.trials import Trial
+from ffl.effects.modal import force_unit
 from ffl.systems.state_space import Array
 
 CLEAR = 0.2  # of the driver's largest: where it is smaller, dividing by it shows noise
@@ -83,9 +84,7 @@ def _unit(free: FreeModel, part: Part) -> str:
     plant = free.model.base.plant
     if part.place.port == "output":
         return plant.output_unit or "output"
-    if part.place.port == "force" and plant.physics.motor_constant:
-        return "N"
-    return plant.input_unit or "input"
+    return force_unit(plant) if part.place.port == "force" else plant.input_unit or "input"
 
 
 def _beside(

@@ -13,6 +13,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.states import State
 from ffl.effects import EFFECTS
+from ffl.effects.modal import force_unit
 from ffl.systems.state_space import Array
 
 
@@ -81,7 +82,7 @@ def forces(scene: Scene, model: Model) -> Forces | None:
     beside = np.fft.irfft(np.conj(path) * e / (np.abs(path) ** 2 + noise / slow), n)[: len(trial)]
     return Forces(
         run.x, run.v, fitted + beside * model.simulator.force_per_input, fitted,
-        "N" if model.base.plant.physics.motor_constant else model.base.plant.input_unit or "input",
+        force_unit(model.base.plant),
         model.base.plant.output_unit or "output",
     )  # fmt: skip
 

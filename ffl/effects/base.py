@@ -35,7 +35,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ffl.effects.mechanics import Mechanics
-from ffl.effects.modal import is_speed
+from ffl.effects.modal import force_unit, is_speed
 from ffl.effects.point import Point
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
@@ -101,9 +101,8 @@ class Parameter:
 
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
-        force = "N" if plant.physics.motor_constant is not None else plant.input_unit or "input"
         measured = plant.output_unit or "output"
-        words = {"F": force, "u": plant.input_unit or "input", "x": measured}
+        words = {"F": force_unit(plant), "u": plant.input_unit or "input", "x": measured}
         if is_speed(measured) and "x" in self.unit:  # x is the integral of what is measured
             words["x"] = "\0"
         text = " ".join(

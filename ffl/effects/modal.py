@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from ffl.effects.mechanics import Mechanics, Mode
+from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
 
@@ -21,6 +22,11 @@ SPEEDS = re.compile(
 )
 
 
+TURNS = re.compile(
+    r"\s*(rpm|r/min|rev/min|1/min|u/min|(m|µ|u)?rad|deg|°|rev|(rad|deg|°|rev)\s*/\s*s)\s*", re.I
+)
+
+
 REMEMBERED = 8  # systems
 _REMEMBERED: dict[tuple[int, bool], tuple[Zpk | StateSpace, Mechanics]] = {}
 _LOCK = threading.Lock()
@@ -29,6 +35,14 @@ _LOCK = threading.Lock()
 def is_speed(unit: str) -> bool:
     """Whether an output in this unit is a speed: rpm, rad/s, m/s, ticks/s and their like."""
     return SPEEDS.fullmatch(unit) is not None
+
+
+def force_unit(plant: Plant) -> str:
+    """What a force is in: N, or N m where the output is an angle or its rate, with the motor constant
+    known; else the unit of the command."""
+    if plant.physics.motor_constant is None:
+        return plant.input_unit or "input"
+    return "N m" if TURNS.fullmatch(plant.output_unit) else "N"
 
 
 def mechanics_of(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:

@@ -15,12 +15,12 @@ from ffl.diagnose.model import Base, Model
 from ffl.diagnose.states import State, goes_with
 from ffl.diagnose.trials import stretches
 from ffl.diagnose.unfold import looks_folded, unfolded
-from ffl.effects import is_speed, mechanics_of
+from ffl.effects import EFFECTS, is_speed, mechanics_of
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.recordings.sampling import examine_time
 from ffl.systems import Controller, Plant
-from ffl.systems.plant import EffectSpec
+from ffl.systems.plant import EffectSpec, Physics
 from ffl.systems.zpk import Zpk
 
 
@@ -37,6 +37,17 @@ def test_speeds_are_known_by_their_unit(unit):
     assert not is_speed("m")
     assert not is_speed("m^3/s")
     assert not is_speed("")
+
+
+def test_what_turns_is_driven_in_newton_metres():
+    level, stiffness = EFFECTS["coulomb_friction"].parameters[0], EFFECTS["linear_stiffness"]
+    system = Zpk([-1.0], [1.0, 1.0], 1e-6, 1e-3)
+    joint = Plant("joint", system, None, "N m", "rad", physics=Physics(1.2, 1.0))
+    assert level.unit_in(joint) == "N m"
+    assert stiffness.parameter("stiffness").unit_in(joint) == "N m/rad"
+    assert level.unit_in(replace(joint, output_unit="deg/s")) == "N m"
+    assert level.unit_in(replace(joint, output_unit="m")) == "N"
+    assert level.unit_in(replace(joint, physics=Physics(1.2, None), input_unit="A")) == "A"
 
 
 def test_dry_friction_stops_a_motor_whose_speed_is_measured():
