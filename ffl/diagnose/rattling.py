@@ -27,6 +27,7 @@ from ffl.systems.state_space import Array
 
 GAPS = np.geomspace(1e-4, 0.03, 12)  # of the travel
 NONE = 1e-9
+CORNER = 30.0  # Hz
 RATIOS = (0.4, 1.0, 2.5)
 CONTACT = 0.05  # damping ratio of the contact to begin with
 DAMPINGS = (0.002, 1.0)
@@ -34,6 +35,7 @@ GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fi
 # Times the force noise: what it is more than stated holds the state to what is seen, as long as the
 # numbers are off, and makes one broad valley of many narrow ones.
 LOOSENESS = (30.0, 10.0, 3.0, 1.0)
+QUIET = 2  # levels spared where what is left is no louder than stated noise
 ROUNDS = 8
 TRIES = 5  # damped steps of a round
 STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
@@ -123,15 +125,17 @@ def with_rattling(
         return outcome
     if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
         return outcome
-    scene = replace(scene, noise=prior)  # what the contest calls noise holds the rattle
+    scene = replace(scene, noise=partly_coloured(prior))  # the contest's noise holds the rattle
     standing = outcome.standing
     left = scene.residuals(standing.model)
-    if left is not None and np.mean(scene.whiten(left) ** 2) < UNEXPLAINED:
+    loud = left is None or np.mean(replace(scene, noise=prior).whiten(left) ** 2) > UNEXPLAINED
+    if not loud and standing.model.effects:
         return outcome
-    begun = start(scene, told)
-    if begun is None:
+    levels = LOOSENESS if loud else LOOSENESS[QUIET:]
+    begun = start(scene, told, levels[0])
+    if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
-    found = settled(begun, scene)
+    found = settled(begun, scene, levels)
     fitted, factor = found.scaled(scene.trials)
     found = replace(found, noise=found.noise.scaled(factor))
     judged = _judged(found, scene, held, fitted)
@@ -172,7 +176,14 @@ def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judg
     return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)
 
 
-def start(scene: Scene, model: Model) -> Hypothesis | None:
+def partly_coloured(noise: Noise) -> Noise:
+    """The same power, half of it first-order: white noise alone, where some of it is slow, makes the
+    filter trust its state too much and lose it."""
+    sensor, force = noise.sensor / np.sqrt(2.0), noise.force / np.sqrt(2.0)
+    return Noise(sensor, force, sensor, CORNER, force, CORNER)
+
+
+def start(scene: Scene, model: Model, loose: float = LOOSENESS[0]) -> Hypothesis | None:
     """The best gap and mass ratio of a grid; None where the plant is no two masses on a spring, or
     none of them foretells better than no gap."""
     modes = model.base.simulator.mechanics.modes
@@ -181,7 +192,7 @@ def start(scene: Scene, model: Model) -> Hypothesis | None:
     trials = _short(scene, GLANCE)
     ratios = RATIOS if modes[1].sign < 0 else (None,)
     travel = model.base.travel
-    noise = replace(scene.noise, force=LOOSENESS[0] * scene.noise.force)
+    noise = _loose(scene.noise, loose)
     own = modes[1].damping / (2.0 * np.sqrt(modes[1].stiffness))
     none = Hypothesis.of(model, NONE * travel, ratios[0], noise, own).scaled(trials)[0]
     tried = [Hypothesis.of(model, gap * travel, r, noise) for gap in GAPS for r in ratios]
@@ -190,17 +201,21 @@ def start(scene: Scene, model: Model) -> Hypothesis | None:
     return best if worth > none + PROMISES else None
 
 
+def _loose(noise: Noise, factor: float) -> Noise:
+    return replace(noise, force=factor * noise.force, force_coloured=factor * noise.force_coloured)
+
+
 def _short(scene: Scene, samples: int) -> list[Trial]:
     each = samples // len(scene.trials)
     return [trial.head(min(each, len(trial))) for trial in scene.trials]
 
 
-def settled(begun: Hypothesis, scene: Scene) -> Hypothesis:
+def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS) -> Hypothesis:
     """Numbers fitted under less and less force noise beyond the scene's, the best of them."""
     trials = _short(scene, LOOK)
     best, most, last = begun, -np.inf, begun
-    for loose in LOOSENESS:
-        noise = replace(scene.noise, force=loose * scene.noise.force)
+    for loose in levels:
+        noise = _loose(scene.noise, loose)
         last = _moved(_fitted(replace(last, noise=noise), trials), trials)
         value = last.worth(scene.trials)
         if value > most:

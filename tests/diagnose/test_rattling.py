@@ -10,7 +10,7 @@ from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
-from ffl.diagnose.rattling import Hypothesis, settled, start
+from ffl.diagnose.rattling import Hypothesis, partly_coloured, settled, start
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves
@@ -116,3 +116,9 @@ def test_a_rattling_loop_is_diagnosed(plant, rattling):
     assert effect["name"] == "backlash"
     assert effect["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.1)
     assert any("rattles" in note for note in found["notes"])
+
+
+def test_noise_partly_coloured_is_as_loud_as_it_was():
+    noise = partly_coloured(NOISE)
+    assert np.hypot(noise.sensor, noise.sensor_coloured) == pytest.approx(NOISE.sensor)
+    assert np.hypot(noise.force, noise.force_coloured) == pytest.approx(NOISE.force)
