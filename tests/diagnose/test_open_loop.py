@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose import line
 from ffl.diagnose.events import events
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.imitate import drawn
-from ffl.diagnose.line import sizes
+from ffl.diagnose.judging import judge
+from ffl.diagnose.line import across_the_line, sizes
 from ffl.diagnose.linear import corrected
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
@@ -153,3 +155,15 @@ def test_a_mode_that_is_missing_is_no_reason_to_give_up_a_noise_that_is_stated(s
     noise = Noise(1e-9, 0.01)
     scene = Scene(spring.loop, (trial,), noise, loudest=noise.scaled(3.0) if stated else None)
     assert too_loud(scene, Model(base)) is not stated
+
+
+@pytest.mark.parametrize(("change", "named"), [(0.0, ()), (0.12, ("mass_change",))])
+def test_a_mass_beyond_the_line_must_earn_its_name(spring, monkeypatch, change, named):
+    """A standard error says how steep the valley is if the noise is what it was taken for."""
+    monkeypatch.setattr(line, "_spread", lambda judged, name: 1e-3)
+    loud = 1e-5 if not change else 1e-8  # of 1e-5 m: nothing can be seen of a mass
+    effects = (EffectSpec("mass_change", {"change": change}),) if change else ()
+    trial = slow_strokes(Model(Base.of(spring), effects=effects), noise=loud)
+    scene = Scene(spring.loop, (trial,), Noise(loud, 1e-6))
+    far = judge(scene, None, Model(Base.of(spring), {"mass": change or -0.13}), rounds=0)
+    assert across_the_line(scene, None, far).model.names == named
