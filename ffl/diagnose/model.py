@@ -23,6 +23,8 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
     "outflow": ("centre",),
 }
 REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
+DAMPED = 0.05  # of critical: a change of a contact's damping that matters
+PLACE = 0.1  # of the travel: a change of place that matters
 LOBE = 0.5  # of a period over the travel: how far a start may be from the period it stands for
 # Below one half Bouc and Wen's force gives back more than it took on a closed path (at 0 it forgets the
 # path and is a spring that gives way: gravity on a joint passed for it).
@@ -210,6 +212,12 @@ class Model:
         scale = max(abs(value), 0.3 * max(alike, default=0.0), 1e-12)
         if parameter.unit == "rad":
             scale = 1.0
+        if parameter.unit == "x" and lower == -np.inf:  # a place: 0 is one like any other
+            scale = max(scale, PLACE * self.base.travel)
+        if parameter.name == "micro_damping":
+            moved = self.base.simulator.mechanics.moving_mass * self.base.simulator.force_per_input
+            critical = 2.0 * float(np.sqrt(spec.parameters["stiffness"] * moved))
+            scale = max(scale, DAMPED * critical)
         if parameter.name == "mass_fraction":
             upper = min(upper, ROOM * self._mass_at(spec))
         return Coordinate(kind, parameter.name, i, None, scale, lower, upper)

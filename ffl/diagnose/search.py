@@ -152,7 +152,7 @@ def contest(
             taken |= TIMED
         screened = []
         entrants: list[Candidate] = []
-        for screen in screens(quiet, base, not steps):
+        for screen in screens(quiet, base):
             seen = screen.candidates()
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
@@ -233,11 +233,11 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
     return out
 
 
-def screens(quiet: Scene, base: Judged, first: bool) -> list[Screen]:
-    """Views of what `base` leaves: from where its corrections stand and, where before the `first`
-    effect these have gone far to stand in for one, from nominal ones as well."""
+def screens(quiet: Scene, base: Judged) -> list[Screen]:
+    """Views of what `base` leaves: from where its corrections stand and, where these have gone
+    far to stand in for an effect, from nominal ones as well."""
     out = [Screen(quiet, base.fit)]
-    if first and base.fit.surprise > FAR:
+    if base.fit.surprise > FAR:
         kept = {k: v for k, v in base.model.corrections.items() if k in base.model.held}
         nominal = replace(base.model, corrections=kept)
         out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
