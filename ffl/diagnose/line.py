@@ -113,7 +113,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 best = tried
         if best is not None and _misfit(current, best) < LOSS * _misfit(current, current):
             current = best
-    return current
+    return _preloaded(current)
 
 
 def _beyond(current: Judged, within: Judged) -> bool:
@@ -154,6 +154,25 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     tried = judge(judged.scene, held, spring.with_effect(spec), 8)
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     return tried if tried.score > judged.score - TIE else judged
+
+
+def _preloaded(judged: Judged) -> Judged:
+    """A spring whose centre lies where the machine never was is a spring and a constant load: no
+    recording tells the way to such a centre from a load. It is counted from 0 then, where that was
+    passed, and the load has the rest."""
+    model = judged.model
+    if "linear_stiffness" not in model.names or "constant_load" in model.names:
+        return judged
+    index = model.names.index("linear_stiffness")
+    spring = model.effects[index]
+    centre, stiffness = (float(spring.parameters[k]) for k in ("centre", "stiffness"))
+    y = np.concatenate([trial.y for trial in judged.scene.trials])
+    if y.min() <= centre <= y.max() or not y.min() <= 0.0 <= y.max():
+        return judged
+    effects = list(model.effects)
+    effects[index] = replace(spring, parameters={"stiffness": stiffness})
+    load = EffectSpec("constant_load", {"force": stiffness * centre}, dict(spring.options))
+    return _as_it_stands(judged, replace(model, effects=(*effects, load)))
 
 
 def _as_it_stands(judged: Judged, model: Model) -> Judged:

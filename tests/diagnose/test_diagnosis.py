@@ -143,3 +143,14 @@ def test_a_loop_at_rest_stands_where_a_rippled_scale_shows_the_reference(stage, 
     assert trial.at_rest
     left = trial.y - Model(Base.of(stage), effects=(ripple,)).simulate(trial).y
     assert np.abs(left[:60]).max() < 1e-6
+
+
+def test_a_spring_that_pulls_from_where_nobody_was_is_a_spring_and_a_load(stage, record):  # type: ignore[no-untyped-def]
+    spring = EffectSpec("linear_stiffness", {"stiffness": 60.0, "centre": 0.2})
+    answer = _answer(stage, record, [spring]).answer()
+    found = {e["name"]: e["parameters"] for e in answer["effects"]}
+    assert set(found) == {"linear_stiffness", "constant_load"}
+    assert "centre" not in found["linear_stiffness"]
+    stiffness, force = found["linear_stiffness"]["stiffness"], found["constant_load"]["force"]
+    assert stiffness["value"] == pytest.approx(60.0, abs=4 * stiffness["std_error"])
+    assert force["value"] == pytest.approx(12.0, abs=4 * force["std_error"])
