@@ -85,7 +85,7 @@ def diagnose(
     judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if stated is not model:
-        scene = replace(scene, slowest=decay / (2 * np.pi))
+        scene = replace(scene, slowest=decay / (2 * np.pi), observed=True)
     if stated is model and model.machine.sensor_noise and model.machine.force_noise:
         scene = replace(scene, loudest=prior.scaled(LOUDEST))
     nominal = Model(base)

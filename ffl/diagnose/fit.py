@@ -40,6 +40,9 @@ class Scene:
     loudest: Noise | None = None  # what white noise can be at most, where it is stated
     doubt: Doubt | None = None  # of recordings that judge: what the fitted ones left open
     slowest: float = SLOWEST  # Hz: lowest corner of coloured noise; what is slower is physics
+    observed: bool = (
+        False  # an observer closes the loop: what noise does there, it does nowhere else
+    )
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:

@@ -175,7 +175,7 @@ def contest(
         base, *rivals = levelled([base, *rivals])
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if earns(r, base, threshold)]
-        if worthy and base.model.effects:
+        if worthy and base.model.effects and not (scene.plain or scene.observed):
             worthy = louder_than_noise(base, worthy)
         if not worthy and not base.model.effects and crosses(quiet, base.model):
             # What stands is no longer nominal: it claims an effect too, and must be the better one.
