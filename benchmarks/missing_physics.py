@@ -26,7 +26,7 @@ def told(story: Story, seconds: float) -> str:
     return (
         f"machine {story.seed}: {names}; stall {story.stall:.3f}, drop {100 * story.drop:.1f} %, "
         f"extrapolation {100 * story.extrapolation:.1f} %, machine over promise "
-        f"{100 * story.promise_gap:+.0f} %; {seconds:.0f} s CPU"
+        f"{100 * story.promise_gap:+.0f} +- {100 * story.promise_doubt:.0f} %; {seconds:.0f} s CPU"
     )
 
 

@@ -31,6 +31,7 @@ TEACHERS = (1, 3, 5, 8)  # linear trials that calibrate: far apart on the way to
 KEPT_PROMISE = 1.5  # times the promise: a trial above it calibrates the model once more
 CALIBRATIONS = 4
 SETTLED = 7  # last trials whose median is "after": about detents noise changes it by a half
+REPEATS = 12  # runs of each of them that tell the machine's norm from one draw of its noise
 
 Found = Callable[[Plant, Sequence[Recording], Sequence[Recording]], Plant]
 
@@ -43,7 +44,9 @@ class Story:
     linear model; `after` the trials with the physics in model and basis, `promised` what the
     calibrated model as machine (noise, encoder and command limit included) gives for the same
     number of trials; `second` the error with the last parameters on a reference never learned,
-    `second_promised` the same on the model, `linear_second` with those of the stall.
+    `second_promised` the same on the model, `linear_second` with those of the stall. `again` and
+    `promised_again`: the feedforwards of the last `SETTLED` trials repeated with other noise, a row
+    each, on the machine and on the model.
     """
 
     seed: int
@@ -58,6 +61,8 @@ class Story:
     promised: tuple[float, ...]
     second: float
     second_promised: float
+    again: Array
+    promised_again: Array
 
     @property
     def stall(self) -> float:
@@ -76,8 +81,24 @@ class Story:
 
     @property
     def promise_gap(self) -> float:
-        """Machine's error norm over the promised one, less 1."""
-        return last(self.after, SETTLED) / last(self.promised, SETTLED) - 1.0
+        """Machine's error norm over the promised one, less 1: medians of the repeated runs."""
+        return float(np.median(self.again) / np.median(self.promised_again)) - 1.0
+
+    @property
+    def promise_doubt(self) -> float:
+        """Standard error of `promise_gap`, trials and repetitions drawn with replacement."""
+        rng = np.random.default_rng(0)
+        ratios = [
+            np.median(_drawn(self.again, rng)) / np.median(_drawn(self.promised_again, rng))
+            for _ in range(400)
+        ]
+        return float(np.std(ratios))
+
+
+def _drawn(table: Array, rng: np.random.Generator) -> Array:
+    """Rows and what stands in them, with replacement."""
+    rows = table[rng.integers(len(table), size=len(table))]
+    return np.array([rng.choice(row, len(row)) for row in rows])
 
 
 def last(norms: Sequence[float], count: int = 3) -> float:
@@ -142,6 +163,8 @@ def story(
         tuple(norm for _, norm in promised),
         float(np.linalg.norm(second - machine.run(second, carried, _rng(noise, 1)).y)),
         float(np.linalg.norm(second - imagined.run(second, carried, _rng(noise, 2)).y)),
+        _again(learned.update, learned.trials, machine, noise, 2**18),
+        _again(learned.update, promised, imagined, noise, 2**19),
     )
 
 
@@ -259,3 +282,19 @@ def _trials(
         recording, norm = _run(update, theta, machine, noise, key + number)
         out.append((theta, norm))
     return out
+
+
+def _again(
+    update: AlongTrajectory,
+    trials: Sequence[tuple[Array, float]],
+    machine: SimulatedMachine,
+    noise: SeedSequence,
+    key: int,
+) -> Array:
+    """Error norms (SETTLED, REPEATS) of the last feedforwards, each run with other noise."""
+    return np.array(
+        [
+            [_run(update, theta, machine, noise, key + REPEATS * j + k)[1] for k in range(REPEATS)]
+            for j, (theta, _) in enumerate(trials[-SETTLED:])
+        ]
+    )

@@ -115,7 +115,8 @@ def table(stories: Sequence[Story]) -> str:
         after, promised = last(s.after, SETTLED), last(s.promised, SETTLED)
         lines.append(
             f"| {s.seed} | {sizes(s)} | {last(s.linear_promised):.4f} | {s.stall:.3f} | {after:.4f} "
-            f"| {100 * s.drop:.1f} % | {promised:.4f} | {100 * s.promise_gap:+.0f} % "
+            f"| {100 * s.drop:.1f} % | {promised:.4f} "
+            f"| {100 * s.promise_gap:+.0f} ± {100 * s.promise_doubt:.0f} % "
             f"| {s.linear_second:.3f}, {s.second:.4f}, {s.second_promised:.4f} |"
         )
     return "\n".join(lines)
