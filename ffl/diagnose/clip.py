@@ -1,6 +1,7 @@
-"""A sensor that stands at its limit: the same last digit again and again while the drive goes on.
+"""A sensor that stands at its limit: the same value again and again while the drive goes on.
 
-A likelihood gives no credit for that; a smooth curve that bends at the top fits the rest as well.
+A likelihood gives no credit for that: its noise is the loop's, and a sensor at its limit shows only its
+own. A smooth curve that bends at the top fits the rest as well.
 """
 
 from __future__ import annotations
@@ -11,9 +12,14 @@ import numpy as np
 
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
 
 RUN = 8  # samples at the limit in a row
 MOVES = 0.01  # of the drive's range: what it must move meanwhile
+WIDE = 8.0  # standard deviations of the stated sensor noise that count as one value
+# A machine that sticks where it turns stands still there too, but it arrives slowly, and at another
+# place every time.
+SUDDEN, ABRUPT = 0.1, 0.5  # of the RMS speed at arrival: where it stands twice or more, and once
 
 
 def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None:
@@ -21,14 +27,32 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
     all recordings that reach it; None where none does."""
     if plant.controller is not None:
         return None
-    level = max(float(np.abs(r.y).max()) for r in recordings)
-    for r in recordings:
-        at = np.abs(r.y) == level
-        if not at.any() or not np.all(np.isfinite(r.u)):
+    top = max(float(np.abs(r.y).max()) for r in recordings)
+    machine = plant.machine
+    width = WIDE * (machine.sensor_noise or 0.0) + (machine.encoder_resolution or 0.0)
+    for wide in (0.0, width):
+        stood, speeds = [], []
+        for r in recordings:
+            if np.all(np.isfinite(r.u)):
+                for values, speed in _visits(r, top - wide):
+                    stood.append(values)
+                    speeds.append(speed)
+        if not stood or (wide and np.median(speeds) < (SUDDEN if len(stood) > 1 else ABRUPT)):
             continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            if b - a >= RUN and np.ptp(r.u[a:b]) > MOVES * np.ptp(r.u):
-                values = {"kind": "clipping", "level": level}
-                return EffectSpec("sensor_nonlinearity", values)
+        level = top if not wide else float(np.mean(np.concatenate(stood)))
+        return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})
     return None
+
+
+def _visits(r: Recording, least: float) -> list[tuple[Array, float]]:
+    """Magnitudes of y of every stay at `least` or more of RUN samples while the drive moves, and the
+    speed of arrival over the RMS one."""
+    size = np.abs(r.y)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (size >= least).astype(int), [0]])))
+    usual = float(np.sqrt(np.mean(np.diff(r.y) ** 2))) or 1.0
+    out = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if b - a >= RUN and np.ptp(r.u[a:b]) > MOVES * np.ptp(r.u):
+            arrival = abs(float(r.y[a - 1] - r.y[a - 2])) / usual if a > 1 else 0.0
+            out.append((size[a:b], arrival))
+    return out

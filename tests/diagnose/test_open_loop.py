@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import line
+from ffl.diagnose.clip import clipping
 from ffl.diagnose.events import events
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.imitate import drawn
@@ -22,8 +23,9 @@ from ffl.diagnose.trials import prepare
 from ffl.diagnose.unfold import looks_folded
 from ffl.diagnose.unnamed import compare
 from ffl.recordings import Recording
-from ffl.systems.plant import EffectSpec, Imperfections
+from ffl.systems.plant import EffectSpec, Imperfections, Plant
 from ffl.systems.plant_file import plant_from_dict
+from ffl.systems.zpk import Zpk
 
 STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 30.0, 0.03
 W = 2 * np.pi * FREQUENCY
@@ -167,3 +169,30 @@ def test_a_mass_beyond_the_line_must_earn_its_name(spring, monkeypatch, change, 
     scene = Scene(spring.loop, (trial,), Noise(loud, 1e-6))
     far = judge(scene, None, Model(Base.of(spring), {"mass": change or -0.13}), rounds=0)
     assert across_the_line(scene, None, far).model.names == named
+
+
+NOISY_SENSOR = Imperfections(1e-9, 2e-9, 0.05, None)
+
+
+def _swinging(top: float, rest: int = 0) -> Recording:
+    """A slow swing of 1 mm under a drive that goes on, cut at `top`; or a stay of `rest` samples where it
+    turns."""
+    rng = np.random.default_rng(0)
+    turn = np.arange(2000) % 250 == 62  # nearest to the top of the sine
+    phase = 2 * np.pi * np.repeat(np.arange(2000), np.where(turn, 1 + rest, 1))[:2000] / 250.0
+    y = np.clip(1e-3 * np.sin(phase), -top, top) + 2e-9 * rng.standard_normal(2000)
+    t = 1e-3 * np.arange(2000)
+    u = np.cos(2 * np.pi * t / 0.25)
+    return Recording(t=t, r=0 * t, f=u, u=u, y=y, d=None, sample_time=1e-3, source="made here")
+
+
+@pytest.mark.parametrize(
+    ("top", "rest", "seen"), [(8e-4, 0, True), (2e-3, 0, False), (2e-3, 30, False)]
+)
+def test_a_clipped_sensor_shows_its_own_noise_alone(top, rest, seen):
+    """What stops suddenly at one value is cut; what turns, or sticks where it turns, is not."""
+    plant = Plant("stage", Zpk([], [0.8, 0.9], 1e-6, 1e-3), None, machine=NOISY_SENSOR)
+    found = clipping(plant, [_swinging(top, rest)])
+    assert (found is not None) is seen
+    if found is not None:
+        assert found.parameters["level"] == pytest.approx(top, abs=2e-9)
