@@ -19,7 +19,8 @@ MOVES = 0.01  # of the drive's range: what it must move meanwhile
 WIDE = 8.0  # standard deviations of the stated sensor noise that count as one value
 # A machine that sticks where it turns stands still there too, but it arrives slowly, and at another
 # place every time.
-SUDDEN, ABRUPT = 0.1, 0.5  # of the RMS speed at arrival: where it stands twice or more, and once
+VISITS = 2  # at least, at one value within the sensor's noise
+SUDDEN = 0.3  # of the RMS speed at arrival, in the median
 
 
 def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None:
@@ -37,7 +38,7 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
                 for values, speed in _visits(r, top - wide):
                     stood.append(values)
                     speeds.append(speed)
-        if not stood or (wide and np.median(speeds) < (SUDDEN if len(stood) > 1 else ABRUPT)):
+        if not stood or (wide and (len(stood) < VISITS or np.median(speeds) < SUDDEN)):
             continue
         level = top if not wide else float(np.mean(np.concatenate(stood)))
         return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})
