@@ -44,14 +44,16 @@ FINALISTS = 3  # of them, fitted on
 GLIMPSE = 2  # steps of an entrant's fit
 MOST = 4  # effects
 BRANCHES = 2  # other ways that are tried
-WAVES = 3  # periods of a cogging that are fitted
+WAVES = 6  # periods of a cogging that are fitted
 FORMS = {  # of one physics: the plain one is named first, the others take its place in the end
     "coulomb_friction": sorted(DRY - {"coulomb_friction", "position_dependent_friction"}),
     "viscous_friction": ["quadratic_drag"],
     "linear_stiffness": ["hardening_spring"],
 }
 POINT = ("side", "mass_ratio")  # options that say where a force acts
-PLIABLE = {"position_dependent_friction", "drift", "periodic_disturbance", "backlash"}
+# Through a loop a ripple of the scale bends like any force along the position.
+SENSOR = {"encoder_ripple"}
+PLIABLE = SENSOR | {"position_dependent_friction", "drift", "periodic_disturbance", "backlash"}
 BARRED = PLIABLE.union(*FORMS.values())  # no first name
 
 
