@@ -113,7 +113,28 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 best = tried
         if best is not None and _misfit(current, best) < LOSS * _misfit(current, current):
             current = best
-    return _preloaded(current)
+    return _preloaded(_netted(held, current))
+
+
+def _netted(held: Scene | None, judged: Judged) -> Judged:
+    """An effect and the model's own number of the same kind that pull against each other are one
+    number: where what they come to is within the line, or less than the model has, no effect is
+    left. (A damping that acts at the motor and is free as a whole may else be said twice.)"""
+    for name, effect in NAMES.items():
+        model = judged.model
+        own = model.corrections.get(name, 0.0)
+        if effect not in model.names or name in model.held or not own:
+            continue
+        index = model.names.index(effect)
+        key, value = next(iter(_effect_values(model, name).items()))
+        amount = float(model.effects[index].parameters[key]) * own / value
+        if own * amount >= 0.0:
+            continue
+        net = replace(model.without(index), corrections={**model.corrections, name: own + amount})
+        size = sizes(judged.scene, net)[name]
+        if (abs(size) if name == "mass" else size) <= LINE:
+            judged = judge(judged.scene, held, net, 8)
+    return judged
 
 
 def _beyond(current: Judged, within: Judged) -> bool:

@@ -196,3 +196,17 @@ def test_a_clipped_sensor_shows_its_own_noise_alone(top, rest, seen):
     assert (found is not None) is seen
     if found is not None:
         assert found.parameters["level"] == pytest.approx(top, abs=2e-9)
+
+
+@pytest.mark.parametrize(("error", "named"), [(-0.1, ()), (30.0, ("viscous_friction",))])
+def test_damping_said_twice_is_said_once(spring, error, named):
+    """More at one point and less as a whole: what counts is what it comes to."""
+    base = Base.of(spring)
+    own = 2.0 * DAMPING * W
+    machine = Model(base, {"damping": error * own})
+    trial = slow_strokes(machine, noise=1e-8)
+    scene = Scene(spring.loop, (trial,), Noise(1e-8, 1e-6))
+    extra = EffectSpec("viscous_friction", {"coefficient": MASS * 3.0 * own})
+    twice = replace(machine, corrections={"damping": (error - 3.0) * own}, effects=(extra,))
+    found = across_the_line(scene, None, judge(scene, None, twice, rounds=0)).model
+    assert found.names == named
