@@ -29,8 +29,7 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
     if plant.controller is not None:
         return None
     top = max(float(np.abs(r.y).max()) for r in recordings)
-    machine = plant.machine
-    width = WIDE * (machine.sensor_noise or 0.0) + (machine.encoder_resolution or 0.0)
+    width = WIDE * plant.machine.sensor_noise + plant.machine.encoder_resolution
     for wide in (0.0, width):
         stood, speeds = [], []
         for r in recordings:

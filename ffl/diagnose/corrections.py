@@ -6,7 +6,7 @@ import numpy as np
 
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import slight
-from ffl.diagnose.linear import is_process, modal_terms
+from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
@@ -22,7 +22,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
     out = []
     plant = standing.model.base.plant
     damping = _nominal_damping(standing.model)
-    process = is_process(plant, standing.model.base.simulator.mechanics)
+    process = standing.model.base.is_process
     if process:
         out += _gain_at_rest(standing)
     for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):

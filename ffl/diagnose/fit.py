@@ -40,9 +40,7 @@ class Scene:
     loudest: Noise | None = None  # what white noise can be at most, where it is stated
     doubt: Doubt | None = None  # of recordings that judge: what the fitted ones left open
     slowest: float = SLOWEST  # Hz: lowest corner of coloured noise; what is slower is physics
-    observed: bool = (
-        False  # an observer closes the loop: what noise does there, it does nowhere else
-    )
+    observed: bool = False  # an observer closes the loop: noise goes round it in no machine
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:

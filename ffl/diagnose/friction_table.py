@@ -158,6 +158,4 @@ def _with(model: Model, values: dict[str, Any]) -> Model:
     index = model.names.index(NAME)
     table = values["table"]
     values = {**values, "level": float(np.mean([table["positive"], table["negative"]]))}
-    effects = list(model.effects)
-    effects[index] = replace(effects[index], parameters=values)
-    return replace(model, effects=tuple(effects))
+    return model.with_parameters(index, values)

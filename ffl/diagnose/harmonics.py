@@ -7,7 +7,6 @@ would otherwise be said a second time, as a ripple of the scale or another coggi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -76,6 +75,4 @@ def _values(model: Model) -> dict[str, float]:
 def _with(model: Model, order: int, amplitude: float, phase: float) -> Model:
     index = model.names.index(NAME)
     values = {**_values(model), f"amplitude_{order}": amplitude, f"phase_{order}": phase}
-    effects = list(model.effects)
-    effects[index] = replace(effects[index], parameters=values)
-    return replace(model, effects=tuple(effects))
+    return model.with_parameters(index, values)

@@ -68,9 +68,8 @@ def judge(
     known = None if like is None else like.known(("correction", "given"))
     first = fit(scene, model, rounds=rounds, known=known)
     if scene.free_clocks and "drift" in first.model.names and first.status != "diverged":
-        scene = with_clocks(
-            scene, first.model, 1
-        )  # what each recording shows goes with both numbers
+        # What each recording shows goes with both numbers.
+        scene = with_clocks(scene, first.model, 1)
         first = fit(scene, first.model, rounds=rounds, known=first.known())
     if held is not None and held.free_clocks and first.status != "diverged":
         held = with_clocks(replace(held, noise=scene.noise), first.model, 0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled, raw_residuals
-from ffl.diagnose.linear import is_process, modal_terms
+from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import places_of
 from ffl.systems.plant import EffectSpec, Plant
@@ -38,7 +38,7 @@ def sizes(scene: Scene, model: Model) -> dict[str, float]:
     """Signed size of each correction in the contract's terms: relative mass, share of RMS force; none
     for a process, whose gain and lags are corrections at any size."""
     mechanics = model.base.simulator.mechanics
-    if not mechanics.modes or is_process(model.base.plant, mechanics):
+    if not mechanics.modes or model.base.is_process:
         return {}
     mass = mechanics.moving_mass  # damping and stiffness are in force per motion, whatever moves
     runs = [model.simulate(trial) for trial in scene.trials]
@@ -190,10 +190,9 @@ def _preloaded(judged: Judged) -> Judged:
     y = np.concatenate([trial.y for trial in judged.scene.trials])
     if y.min() <= centre <= y.max() or not y.min() <= 0.0 <= y.max():
         return judged
-    effects = list(model.effects)
-    effects[index] = replace(spring, parameters={"stiffness": stiffness})
     load = EffectSpec("constant_load", {"force": stiffness * centre}, dict(spring.options))
-    return _as_it_stands(judged, replace(model, effects=(*effects, load)))
+    split = model.with_parameters(index, {"stiffness": stiffness}).with_effect(load)
+    return _as_it_stands(judged, split)
 
 
 def _as_it_stands(judged: Judged, model: Model) -> Judged:

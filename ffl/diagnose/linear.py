@@ -202,13 +202,6 @@ def discrete(mechanics: Mechanics) -> StateSpace:
     return slow
 
 
-def is_process(plant: Plant, mechanics: Mechanics) -> bool:
-    """Lags in a row that drive no stated mass: a process has a gain and lags, neither mass nor spring."""
-    physics = plant.physics
-    stated = physics.mass is not None or physics.motor_constant is not None
-    return bool(len(lags(mechanics))) and not stated
-
-
 def corrected_plant(plant: Plant, mechanics: Mechanics, values: Mapping[str, float]) -> Plant:
     """The plant file's plant with the corrections in its linear part."""
     if not any(values.values()):

@@ -12,6 +12,7 @@ import numpy as np
 from ffl.diagnose.linear import Correction, corrected_plant, corrections_of, simulator_with
 from ffl.diagnose.trials import Trial, start_of
 from ffl.effects import EFFECTS
+from ffl.effects.cascade import lags
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import EffectSpec, Plant
@@ -82,6 +83,13 @@ class Base:
     def of(cls, plant: Plant, travel: float = 0.0) -> Base:
         simulator = Simulator(plant)
         return cls(plant, simulator, corrections_of(simulator.mechanics), travel)
+
+    @property
+    def is_process(self) -> bool:
+        """Lags in a row that drive no stated mass: a gain and lags, neither mass nor spring."""
+        physics = self.plant.physics
+        stated = physics.mass is not None or physics.motor_constant is not None
+        return bool(len(lags(self.simulator.mechanics))) and not stated
 
 
 @dataclass(frozen=True)
@@ -303,6 +311,12 @@ class Model:
     def with_proven(self, spec: EffectSpec) -> Model:
         """With an effect that the recordings show directly: it stands, numbers included."""
         return replace(self.with_effect(spec), proven=self.proven | {spec.name})
+
+    def with_parameters(self, index: int, parameters: Mapping[str, Any]) -> Model:
+        """With other numbers of effect `index`."""
+        effects = list(self.effects)
+        effects[index] = replace(effects[index], parameters=parameters)
+        return replace(self, effects=tuple(effects))
 
     def without(self, index: int) -> Model:
         kept = tuple(e for i, e in enumerate(self.effects) if i != index)

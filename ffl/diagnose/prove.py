@@ -126,10 +126,8 @@ def prove(
         for t, a, b in zip(trials, before, after, strict=True)
     )
     errors = [(t.y - a.y, t.y - b.y) for t, a, b in zip(trials, before, after, strict=True)]
-    floor, left = (
-        float(np.sqrt(variance)) / scale if scale > 0 else 0.0,
-        nrmse(y, [s.y for s in after]),
-    )
+    floor = float(np.sqrt(variance)) / scale if scale > 0 else 0.0
+    left = nrmse(y, [s.y for s in after])
     return Proof(
         tuple(t.name for t in trials),
         nrmse(y, [s.y for s in before]),

@@ -119,7 +119,7 @@ def with_rattling(
     scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
 ) -> Outcome:
     """`outcome`, or, where a play in the coupling foretells fitted and held-out recordings clearly
-        better than all that the contest named, that play alone; `told`: the model with no effect,
+    better than all that the contest named, that play alone; `told`: the model with no effect,
     `prior`: noise as the plant file states it."""
     if held is None or told.acting:
         return outcome

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ffl.diagnose.linear import is_process
 from ffl.effects import Effect, Motion
 from ffl.systems.state_space import Array
 
@@ -39,8 +38,7 @@ def periods(screen: Screen, effect: Effect, place: Place) -> list[Mapping[str, f
     pieces = np.split(screen.residual, np.cumsum(lengths)[:-1])
     forces = [adjoint(e, h) for e, h in zip(pieces, impulses, strict=True)]
     power = _Power(impulses[0], motions[0].sample_time)
-    base = screen.model.base
-    fewest = LEVELS if is_process(base.plant, base.simulator.mechanics) else PLACES
+    fewest = LEVELS if screen.model.base.is_process else PLACES
     if effect.scan == "time":
         name, numbers, score = "frequency", *_over_time(motions, forces, power)
     else:

@@ -16,7 +16,7 @@ import scipy.fft
 import scipy.optimize
 
 from ffl.diagnose.fit import Fit, Scene
-from ffl.diagnose.linear import discrete, is_process
+from ffl.diagnose.linear import discrete
 from ffl.diagnose.model import Model
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import triangle
@@ -105,9 +105,8 @@ def places_of(model: Model) -> list[Place]:
 def flow_places(model: Model, effect: Effect) -> list[Place]:
     """The stages of a plant that is a row of real lags and drives no known mass: either lag may be
     the upper stage, and is for all effects alike. What overflows or empties is a tank for all of them."""
-    mechanics = model.base.simulator.mechanics
-    count = len(lags(mechanics))
-    if count < effect.stages or not is_process(model.base.plant, mechanics):
+    count = len(lags(model.base.simulator.mechanics))
+    if count < effect.stages or not model.base.is_process:
         return []
     if count == 1:
         return [Place("flow", OUT[0])]
@@ -144,12 +143,6 @@ class Screen:
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
         self.basis = orthonormal(fit.jacobian)
         self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
-
-    @property
-    def is_process(self) -> bool:
-        """Lags in a row that drive no stated mass."""
-        base = self.model.base
-        return is_process(base.plant, base.simulator.mechanics)
 
     def beyond(self, columns: Array) -> Array:
         """`columns`, (N,) or (N, k), beyond what the model's own freedom explains."""
@@ -280,7 +273,7 @@ class Screen:
             return [Place(effect.port)]
         if effect.needs_mass and not self.model.simulator.mechanics.modes:
             return []  # one lag moves no mass
-        if effect.name in INERTIAL and self.is_process:
+        if effect.name in INERTIAL and self.model.base.is_process:
             return []
         if self.model.simulator.mechanics.place is not None and effect.name in ABSOLUTE:
             return []  # the integral of a speed begins anew with every recording

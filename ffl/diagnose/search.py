@@ -50,9 +50,7 @@ PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
-NOISY = (
-    8.0  # times what noise alone brings in the mean of four runs: less is what it may bring once
-)
+NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
 ELSEWHERE = 0.4  # of the first-order gain: the same physics at another point worth a fit
 
 
@@ -218,17 +216,16 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
     alike = imitated(model.plant(), scene.trials, scene.noise, np.random.default_rng(0))
     out = []
     for rival in rivals:
-        last = len(model.effects)
-        kinds = [(c.kind, c.effect) for c in rival.model.coordinates]
-        own = np.array([kind == ("effect", last) for kind in kinds])
-        whole, without = (orthonormal(rival.fit.jacobian[:, k]) for k in (own | ~own, ~own))
+        last = ("effect", len(model.effects))
+        own = np.array([(c.kind, c.effect) == last for c in rival.model.coordinates])
+        j = rival.fit.jacobian
+        whole, without = orthonormal(j), orthonormal(j[:, ~own])
         brought = [
             0.5 * float(np.sum((whole.T @ e) ** 2) - np.sum((without.T @ e) ** 2))
             for e in (rival.scene.whiten(one.y) for one in alike)
         ]
         usual = float(np.mean(brought)) if brought else 0.0
-        quiet, loud = levelled([base, rival])
-        if loud.fitted - quiet.fitted > NOISY * usual or usual < np.sum(own):
+        if rival.fitted - base.fitted > NOISY * usual or usual < np.sum(own):
             out.append(rival)
     return out
 

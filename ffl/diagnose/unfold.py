@@ -24,9 +24,7 @@ from ffl.systems.state_space import Array
 from ffl.systems.zpk import Zpk
 
 RECTIFIED = EffectSpec("sensor_nonlinearity", {"kind": "rectified", "level": 0.0})
-BELOW = (
-    0.03  # of the range: how far a folded output may fall below zero; a drive beyond is no rounding
-)
+BELOW = 0.03  # of the range: how far a folded output may fall below zero, or a drive by rounding
 NEAR = 0.05  # of the range: how near to zero it must come
 TOUCHES = 3
 MOST = 3000  # samples that the search looks at

@@ -7,7 +7,6 @@ import numpy as np
 from ffl.diagnose import where
 from ffl.diagnose.freeform import FreeForm, words
 from ffl.diagnose.judging import Judged, effective
-from ffl.diagnose.linear import is_process
 from ffl.diagnose.noise import Noise, Paths
 from ffl.diagnose.states import goes_with, states
 from ffl.diagnose.unnamed import Contest, component_of
@@ -16,9 +15,7 @@ from ffl.systems.plant import Plant
 
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
 WHITE = 0.25  # of the samples independent: a residual with fewer is structure, not noise
-BENT = (
-    0.3  # of a mass, gain or stiffness: an engineer's is known to some per cent, now and then to 10
-)
+BENT = 0.3  # of a mass, gain or stiffness: an engineer's is known to some per cent
 STRUCTURED = 1.5  # mean square of the whitened held-out residual above which structure remains
 
 
@@ -59,9 +56,9 @@ def coloured(standing: Judged) -> bool:
 def bent(standing: Judged) -> bool:
     """Mass, gain or stiffness further off than a model of this machine can be: bent to stand in for
     physics that has no name yet."""
-    base, numbers = standing.model.base, standing.model.corrections
-    if is_process(base.plant, base.simulator.mechanics):
+    if standing.model.base.is_process:
         return False  # a gain and lags are corrections at any size
+    numbers = standing.model.corrections
     return any(abs(numbers.get(name, 0.0)) > BENT for name in ("mass", "gain", "stiffness"))
 
 

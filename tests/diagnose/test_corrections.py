@@ -7,8 +7,7 @@ import pytest
 
 from ffl.diagnose.corrections import corrections
 from ffl.diagnose.linear import corrected, corrected_plant, corrections_of
-from ffl.diagnose.model import Coordinate
-from ffl.effects import mechanics_of
+from ffl.diagnose.model import Base, Coordinate
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Plant, Zpk, load_plant
 
@@ -18,9 +17,7 @@ T = 1e-3
 def standing(pole, values, effects=()):  # type: ignore[no-untyped-def]
     """A judged model with the named corrections, each known to a tenth."""
     plant = Plant("mass", Zpk([-1.0], [1.0, pole], 5e-8, T), None)
-    base = SimpleNamespace(
-        plant=plant, simulator=SimpleNamespace(mechanics=mechanics_of(plant.system))
-    )
+    base = Base.of(plant)
     coordinates = [Coordinate("correction", name) for name in values]
     coordinates += [
         Coordinate("effect", name, effect=k)
