@@ -57,7 +57,8 @@ class Compensation(Basis):
         self.without: list[str] = []
         for spec in plant.effects:
             effect = effect_of(spec)
-            nonlinear = effect.nonlinear_of(effect.check(spec))
+            chosen = {k: v for k, v in spec.options.items() if k in effect.options}
+            nonlinear = {**effect.nonlinear_of(effect.check(spec)), **chosen}
             columns = None if effect.port != "force" else effect.compensation(probe, **nonlinear)
             if columns is None:
                 self.without.append(spec.name)

@@ -36,7 +36,7 @@ GX, GV, GX_SLOPE, GV_SLOPE = 6, 7, 8, 9
 MEAN, SLOPE, COMMIT, FIRST = 10, 11, 12, 13
 IO_SIZE = 16
 
-HELPERS = ("law.py", "solve.py", "paths.py", "bristle.py")
+HELPERS = ("law.py", "solve.py", "paths.py", "bristle.py", "slip.py")
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(_POINTER, _POINTER, _POINTER)

@@ -7,6 +7,7 @@ import pytest
 
 from ffl.bases import Compensation, SumBasis, make_basis
 from ffl.effects import EFFECTS, Motion
+from ffl.effects.slip import slip
 from ffl.errors import InputError
 from ffl.machines import Simulator
 from ffl.systems import EffectSpec, Move, load_plant, moves
@@ -113,6 +114,18 @@ def test_every_effect_reads_its_own_parameters_back(name):
     again = effect.compensation(motion, **effect.nonlinear_of(effect.check(spec)))
     assert effect.coefficients_of(effect.check(spec)) == pytest.approx(coefficients)
     assert again == pytest.approx(-columns, rel=1e-9, abs=1e-12)
+
+
+def test_a_compensation_has_the_form_of_its_effect():
+    values = {"level": 4.0, "stiffness": 4e3, "micro_damping": 0.0}
+    forms = [
+        EffectSpec("presliding_friction", values, {"kind": k}) for k in ("lugre", "maxwell_slip")
+    ]
+    machine = plant()
+    columns = [Compensation(replace(machine, effects=(e,))).regressors(REFERENCE) for e in forms]
+    one, other = (machine.physics.motor_constant * c[:, 0] for c in columns)
+    assert other == pytest.approx(slip(REFERENCE, 1e-3))
+    assert np.abs(one - other).max() > 0.1
 
 
 def test_the_word_stands_for_derivatives_and_compensations():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from oracle import MASS, SAMPLE_TIME, Case
 
+from ffl.effects.slip import WEIGHTS, YIELDS
 from ffl.systems.loop import Controller
 from ffl.systems.plant import Plant
 from ffl.systems.references import Move, moves
@@ -49,6 +50,20 @@ def bristle(level, stiffness, micro_damping):
         return -(stiffness * z[0] + micro_damping * rate(x, v, z)[0])
 
     return Case(force=force, rate=rate, states=1)
+
+
+def slip(level, stiffness, micro_damping):
+    """Elements that slide one after the other: dz_i/dt = v within their limits."""
+    limits = YIELDS * level / stiffness
+
+    def rate(x, v, z):
+        return np.where((np.abs(z) < limits) | (z * v < 0), v, 0.0)
+
+    def force(t, x, v, z):
+        held = np.clip(z, -limits, limits)
+        return -float(WEIGHTS @ (stiffness * held + micro_damping * rate(x, v, z)))
+
+    return Case(force=force, rate=rate, states=len(limits))
 
 
 def wen(force, displacement, exponent, beta):

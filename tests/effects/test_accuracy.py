@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import ORACLE, STAGE, reference
+from cases import ORACLE, STAGE, reference, slip
 from oracle import Case, run
 
 from ffl.effects import EFFECTS
@@ -60,6 +60,18 @@ def test_other_forms_of_drift(name):
     truth = run(Case(force=lambda t, x, v, z: forms[name](t)), r)
     spec = EffectSpec("drift", {"amplitude": 3.0, "time_constant": 0.2}, {"kind": name})
     assert np.abs(SIMULATOR.run([spec], r).y - truth).max() < 1e-7 * np.abs(truth).max()
+
+
+@pytest.mark.parametrize("damping", [0.0, 100.0])
+def test_elements_that_slide_one_after_the_other(damping):
+    r = reference()
+    values = {"level": 5.0, "stiffness": 2e5, "micro_damping": damping}
+    truth, linear = run(slip(**values), r), SIMULATOR.run((), r).y
+    spec = EffectSpec("presliding_friction", values, {"kind": "maxwell_slip"})
+    one, eight = (np.abs(SIMULATOR.run([spec], r, substeps=n).y - truth).max() for n in (1, 8))
+    effect = np.abs(truth - linear).max()
+    assert one < 6e-5 * effect
+    assert eight < 1.5e-6 * effect
 
 
 def test_rectifying_sensor():

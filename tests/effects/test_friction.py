@@ -5,6 +5,7 @@ import pytest
 from cases import ORACLE, STAGE, reference
 from oracle import Case, run
 
+from ffl.effects.slip import slip
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
 
@@ -139,6 +140,29 @@ def test_asymmetric_friction_is_coulomb_beside_a_load():
     ]
     y = [CLOSED.run(specs, reference()).y for specs in (one, two)]
     assert np.abs(y[0] - y[1])[60:].max() < 1e-12
+
+
+def test_a_slipping_contact_loads_like_one_bristle_and_returns_by_masings_rule():
+    """From rest 1 - exp(-x); from a reversal at x0 the same curve twice as large; a small loop closes
+    and leaves no trace."""
+    there = np.linspace(0.0, 1.5, 301)
+    back = np.linspace(1.5, -0.2, 341)[1:]
+    loading, returning = np.split(slip(np.concatenate([there, back]), 1.0), [301])
+    assert np.abs(loading - (1.0 - np.exp(-there))).max() < 0.005
+    assert np.abs(loading[-1] - returning - 2 * (1 - np.exp(-(1.5 - back) / 2))).max() < 0.01
+    detour = np.concatenate([there, [1.1, 1.5], [2.0]])
+    assert slip(detour, 1.0)[-1] == pytest.approx(slip(np.append(there, 2.0), 1.0)[-1], rel=1e-12)
+
+
+def test_a_slipping_contact_holds_a_push_below_its_level_and_drifts_no_further():
+    """One bristle creeps under a push that swings; elements that slide one by one hold it."""
+    push = 3.0 + 1.0 * np.sin(np.arange(6000) * 0.05)
+    values = {"level": 5.0, "stiffness": 2e5, "micro_damping": 300.0}
+    crept = []
+    for kind in ("maxwell_slip", "lugre"):
+        run = OPEN.run([EffectSpec("presliding_friction", values, {"kind": kind})], None, push)
+        crept.append(run.x[4000:].max() - run.x[1500:3500].max())
+    assert abs(crept[0]) < 1e-3 * crept[1]
 
 
 def table(**contact):
