@@ -75,6 +75,14 @@ class Scene:
             out.append(trial.y - run.y)
         return out
 
+    def cost(self, model: Model) -> float:
+        """Sum of squares of the whitened residual; infinite where the simulation leaves all bounds."""
+        residuals = self.residuals(model)
+        if residuals is None:
+            return np.inf
+        white = self.whiten(residuals)
+        return float(white @ white)
+
     def whiten(self, residuals: Sequence[Array]) -> Array:
         return np.concatenate([w(e) for w, e in zip(self.whiteners, residuals, strict=True)])
 

@@ -49,7 +49,7 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
         rungs = list(forms(form.model, top))
         if not rungs:
             continue
-        form = tried(rungs[int(np.argmin([_cost(quiet, rung) for rung in rungs]))])
+        form = tried(rungs[int(np.argmin([quiet.cost(rung) for rung in rungs]))])
         say(f"  {label} contact: {_gain(form, current)}")
         if _pays(form, current):  # the second may pay where the first alone does not
             current = form
@@ -135,14 +135,6 @@ def _finer(model: Model) -> Model | None:
         return None
     sides = {k: np.interp(grid, table["grid"], table[k]).tolist() for k in ("positive", "negative")}
     return _with(model, {**_values(model), "table": {"grid": grid.tolist(), **sides}})
-
-
-def _cost(scene: Scene, model: Model) -> float:
-    residuals = scene.residuals(model)
-    if residuals is None:
-        return np.inf
-    white = scene.whiten(residuals)
-    return float(white @ white)
 
 
 def _values(model: Model) -> dict[str, Any]:

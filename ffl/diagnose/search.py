@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.harmonics import with_harmonics
@@ -124,6 +125,8 @@ def contest(
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
         base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
+        if not again:
+            base = with_other_contact(quiet, held, base, say)
         base = plain_lags(quiet, held, base, say)
         last_contenders = contenders
         if base.model.effects:
