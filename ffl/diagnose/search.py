@@ -32,7 +32,7 @@ from ffl.diagnose.judging import (
     raw_error,
     raw_residuals,
 )
-from ffl.diagnose.ladders import overlooked, with_best_start
+from ffl.diagnose.ladders import SWINGS, overlooked, with_best_start
 from ffl.diagnose.line import crosses
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
@@ -76,8 +76,11 @@ class Outcome:
     contenders: dict[str, list[tuple[str, Judged]]]
 
 
-def shortlist(candidates: Sequence[Candidate], depth: int = SHORTLIST) -> list[Candidate]:
-    """Who is worth a full fit: the best of the screen, one place per effect, and their siblings."""
+def shortlist(
+    candidates: Sequence[Candidate], depth: int = SHORTLIST, places: int = 2
+) -> list[Candidate]:
+    """Who is worth a full fit: the best of the screen, one place per effect but for the first few
+    (`places`), and their siblings."""
     if not candidates:
         return []
     best: dict[str, Candidate] = {}
@@ -87,7 +90,7 @@ def shortlist(candidates: Sequence[Candidate], depth: int = SHORTLIST) -> list[C
     top = ranked[0].gain
     chosen = [c for c in ranked[:depth] if c.gain > WORTH_A_FIT * top]
     names = {c.spec.name for c in chosen}
-    for c in list(chosen[:2]):  # the same physics at another point of the machine
+    for c in list(chosen[:places]):  # the same physics at another point of the machine
         elsewhere = [o for o in candidates if o.spec.name == c.spec.name and o is not c]
         chosen += [o for o in elsewhere if o.gain > ELSEWHERE * c.gain]
     for c in ranked[:2]:
@@ -158,7 +161,10 @@ def contest(
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
             pliable = [c for c in fresh if c.spec.name in PLIABLE]
-            listed = shortlist([c for c in fresh if c not in pliable] if reserve else pliable)
+            plain = [c for c in fresh if c not in pliable] if reserve else pliable
+            # Far from what was measured first orders do not tell one point from another.
+            far = base.fit.cost > SWINGS * len(base.fit.white)
+            listed = shortlist(plain, places=SHORTLIST if far else 2)
             entrants += listed + overlooked(quiet, base, fresh, listed)
         for first in promising(quiet, base, entrants):
             rival = judge(quiet, held, first.model, 6, first)
