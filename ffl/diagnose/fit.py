@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -12,8 +11,9 @@ import numpy as np
 
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
+from ffl.diagnose.parallel import each
 from ffl.diagnose.trials import Trial
-from ffl.diagnose.triangle import triangle
+from ffl.diagnose.triangle import lengths, triangle
 from ffl.diagnose.whitening import Whitener
 from ffl.errors import InputError
 from ffl.systems.loop import Loop
@@ -61,6 +61,12 @@ class Scene:
     @property
     def samples(self) -> int:
         return sum(len(t) for t in self.trials)
+
+    def head(self, rows: int) -> Scene:
+        """The first `rows` samples of the first recording alone."""
+        out = replace(self, trials=(self.trials[0].head(rows),))
+        object.__setattr__(out, "whiteners", self.whiteners[:1])
+        return out
 
     def residuals(self, model: Model) -> list[Array] | None:
         """y - yhat of each recording; None where the simulation leaves all bounds."""
@@ -145,6 +151,11 @@ class Fit:
         keys = [c.key for c in self.model.coordinates]
         return {key: self.columns[:, k] for k, key in enumerate(keys) if key[0] in kinds}
 
+    @cached_property
+    def freedom(self) -> int:
+        """Numbers that the data see."""
+        return int(np.sum(lengths(self.jacobian) > 0))
+
     @property
     def surprise(self) -> float:
         """-log of the prior density of the corrections, 0 at nominal."""
@@ -166,7 +177,7 @@ class Fit:
         j = self.jacobian
         if j.shape[1] == 0:
             return np.zeros((0, 0))
-        scale = np.maximum(np.linalg.norm(j, axis=0), 1e-150)  # its square must not vanish
+        scale = np.maximum(lengths(j), 1e-150)  # its square must not vanish
         r, _ = triangle(j / scale, self.white)
         _, s, vt = np.linalg.svd(r)
         s = np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)
@@ -174,9 +185,6 @@ class Fit:
         inflate = max(1.0, self.cost / max(len(self.white) - j.shape[1], 1))
         with np.errstate(over="ignore"):  # what the data do not see has no finite spread
             return inflate * (half @ half.T) / np.outer(scale, scale)
-
-
-_POOL = ThreadPoolExecutor(2)
 
 
 def jacobian(
@@ -206,7 +214,7 @@ def jacobian(
             return np.zeros(scene.samples)
         return np.concatenate([(a - b) / step for a, b in zip(base, residuals, strict=True)])
 
-    columns = list(_POOL.map(column, range(len(theta)) if chosen is None else chosen))
+    columns = each(column, range(len(theta)) if chosen is None else chosen)
     return np.column_stack(columns) if columns else np.zeros((scene.samples, 0))
 
 
@@ -257,17 +265,19 @@ def fit(
     columns = jacobian(scene, model, residuals, known)
     j = scene.whiten_stacked(columns)
     fresh, damping, status = not known, 1e-4, "rounds"
+    factors = None
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
     for _ in range(rounds):
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
-        step, promised = _step(j, white, damping, theta, lower, upper, pull, units)
+        factors = factors or triangle(j, white)
+        step, promised = _step(*factors, damping, theta, lower, upper, pull, units)
         if promised < tolerance:
             if fresh or promised < 0.1 * tolerance:
                 status = "converged"
                 break
             columns = jacobian(scene, model, residuals)
-            j, fresh = scene.whiten_stacked(columns), True
+            j, fresh, factors = scene.whiten_stacked(columns), True, None
             continue
         trial_theta = np.clip(theta + step, lower, upper)
         candidate = model.at(trial_theta)
@@ -277,9 +287,10 @@ def fit(
             tried_white = scene.whiten(tried)
             gained = cost_of(white, theta) - cost_of(tried_white, trial_theta)
         if gained > 0:
+            factors = None
             moved = trial_theta - theta
             ratio = gained / promised
-            weighted = moved * np.linalg.norm(j, axis=0) ** 2
+            weighted = moved * lengths(j) ** 2
             secant = weighted / max(moved @ weighted, 1e-300)
             change = white - tried_white - j @ moved
             raw = np.concatenate(residuals) - np.concatenate(tried) - columns @ moved
@@ -299,7 +310,7 @@ def fit(
                 break
         else:
             columns = jacobian(scene, model, residuals)
-            j, fresh = scene.whiten_stacked(columns), True
+            j, fresh, factors = scene.whiten_stacked(columns), True, None
     return Fit(model, white, j, columns, status)
 
 
@@ -316,8 +327,8 @@ def _resettled(scene: Scene, model: Model, residuals: list[Array], white: Array)
 
 
 def _step(
-    j: Array,
-    white: Array,
+    r: Array,
+    seen: Array,
     damping: float,
     theta: Array,
     lower: Array,
@@ -325,11 +336,10 @@ def _step(
     pull: Array,
     units: Array,
 ) -> tuple[Array, float]:
-    """The damped step within the bounds and the decrease the linear model promises for it; `pull`
-    draws theta to zero with so many standard deviations per unit. What moves nothing by its own
-    size (`units`) stays."""
+    """From R and Q' white of the Jacobian, the damped step within the bounds and the decrease the
+    linear model promises for it; `pull` draws theta to zero with so many standard deviations per
+    unit. What moves nothing by its own size (`units`) stays."""
     p = len(theta)
-    r, seen = triangle(j, white)
     white_in = np.append(seen, -pull * theta)
     r = np.vstack([r, np.diag(pull)])
     scale = np.linalg.norm(r, axis=0)

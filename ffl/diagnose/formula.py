@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, held_motion, reduced, tables_of
+from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, held_motion, tables_of
+from ffl.diagnose.triangle import triangle
 from ffl.systems.state_space import Array
 
 MOST = 3  # terms of a formula
@@ -101,7 +102,7 @@ def formula(
     table = tables_of(screen, [(part.term, part.place)], [part.ranges], along)[0]
     own = screen.from_nominal(free.model)
     target = screen.beyond(white + own + table @ part.coefficients)
-    r, q = reduced(screen.beyond(table), target)
+    r, q = triangle(screen.beyond(table), target)
     best = float(q @ q) - float(np.sum((q - r @ part.coefficients) ** 2))
     if part.term.bank is not None:
         return _of_history(screen, part, along, target, best, scale)

@@ -20,14 +20,17 @@ from ffl.diagnose.freemodel import (
     FreeModel,
     FreeScreen,
     Part,
+    Run,
     evidence,
     posterior,
+    run_of,
     tables_of,
 )
 from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, PASSES, QUIET, effective
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
+from ffl.diagnose.parallel import each
 from ffl.diagnose.screen import Place, places_of
 from ffl.diagnose.terms import TERMS, Term, ranges_of
 from ffl.systems.state_space import Array
@@ -158,10 +161,15 @@ def least_noise(scene: Scene, model: Model, residuals: Sequence[Array]) -> Noise
     return Noise(sensor, force)
 
 
-def _judged(scene: Scene, held: Scene | None, free: FreeModel, gain: float) -> FreeForm | None:
-    residuals = free.residuals(scene)
-    if residuals is None:
-        return None
+def _judged(
+    scene: Scene, held: Scene | None, free: FreeModel, gain: float, left: Array | None = None
+) -> FreeForm | None:
+    """`left`: the whitened residual, where it is known."""
+    if left is None:
+        residuals = free.residuals(scene)
+        if residuals is None:
+            return None
+        left = scene.whiten(residuals)
     white, known = np.zeros(0), np.zeros(0, bool)
     if held is not None and held.trials:
         judged = replace(held, noise=scene.noise)
@@ -171,9 +179,9 @@ def _judged(scene: Scene, held: Scene | None, free: FreeModel, gain: float) -> F
         known = np.concatenate([_known(free, r[0].x, judged) for r in runs if r])
         if np.mean(known) < LEAST_KNOWN:
             known = np.ones_like(known)
-        left = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
-        white = judged.judge(left, known)
-    return FreeForm(free, scene, gain, scene.whiten(residuals), white, known)
+        missed = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
+        white = judged.judge(missed, known)
+    return FreeForm(free, scene, gain, left, white, known)
 
 
 def _known(free: FreeModel, x: Array, scene: Scene) -> Array:
@@ -201,10 +209,9 @@ def _memory(scene: Scene) -> int:
 
 def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> FreeForm | None:
     """`current` with one more map, if one is worth it."""
-    residuals = current.free.residuals(current.scene) or []
     scene = current.scene
     screen = FreeScreen(scene, current.free.model)
-    target = screen.beyond(scene.whiten(residuals) + screen.from_nominal(current.free.model))
+    target = screen.beyond(current.white + screen.from_nominal(current.free.model))
     taken = {(p.term.name, p.place) for p in current.parts}
     force = next((p.place for p in current.parts if p.place.port == "force"), None)
     entries = [
@@ -215,28 +222,28 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         and (t.port != "force" or force is None or p == force)
     ]
     ranked = _ranked(screen, current, entries, target)
-    now = _judged(scene, held, current.free, current.evidence)
-    if not ranked or now is None:
+    if not ranked:
         return None
-    tried: list[FreeForm] = []
-    for found, part in ranked[:TRIED]:
-        if found.gain < WORTH or found.gain < FAR_BEHIND * ranked[0][0].gain:
-            break
+    least = max(WORTH, FAR_BEHIND * ranked[0][0].gain)
+
+    def begun(entry: tuple[Evidence, Part]) -> FreeForm | None:
+        found, part = entry
         start = FreeModel(current.free.model, (*current.parts, part))
-        first = _fitted(screen, start, held, current.evidence, found.gain, 1)
-        if first is not None:
-            tried.append(first)
-    tried.sort(key=lambda f: -_score(f, now))
-    done = []
-    for f in tried[:FINISHED]:  # those that matter go on to convergence
-        more = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS)
-        done.append(more or f)
-    top = max((_score(f, now) for f in done), default=0.0)
+        return _fitted(screen, start, held, current.evidence, found.gain, 1)
+
+    def finished(f: FreeForm) -> FreeForm:
+        return _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
+
+    worth = [entry for entry in ranked[:TRIED] if entry[0].gain >= least]
+    tried = [f for f in each(begun, worth) if f is not None]
+    tried.sort(key=lambda f: -_score(f, current))
+    done = each(finished, tried[:FINISHED])  # those that matter go on to convergence
+    top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:
         return None
-    near = [f for f in done if _score(f, now) >= SIMPLER * top]
-    best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, now)))
-    if not _earns(best, now):
+    near = [f for f in done if _score(f, current) >= SIMPLER * top]
+    best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)))
+    if not _earns(best, current):
         return None
     listed = tuple(Ranked(p.term.name, words(p.place), e.gain) for e, p in ranked)
     return replace(_quieter(best, held), ranking=current.ranking or listed)
@@ -257,15 +264,17 @@ def _ranked(
     if motions is None:
         return []
     every = max(1, len(target) // ROWS)
-    out = []
-    for term, place in entries:
+
+    def promise(entry: tuple[Term, Place]) -> tuple[Evidence, Part]:
+        term, place = entry
         span = ranges_of([m[place] for m in motions])
-        table = screen.beyond(tables_of(screen, [(term, place)], [span], motions)[0])
+        table = screen.beyond(tables_of(screen, [entry], [span], motions)[0])
         found = evidence(term, span, table[::every], target[::every])
         found = replace(found, gain=found.gain * every)
         blank = np.zeros(len(term.kernel(span, 1.0)))
-        out.append((found, Part(term, place, blank, span, found.length)))
-    return sorted(out, key=lambda item: -item[0].gain)
+        return found, Part(term, place, blank, span, found.length)
+
+    return sorted(each(promise, entries), key=lambda item: -item[0].gain)
 
 
 def _quieter(found: FreeForm, held: Scene | None) -> FreeForm:
@@ -316,41 +325,30 @@ def _fitted(
     make, and the model's own numbers beside them. The evidence is `before` plus `gain`, or what the
     simulation makes of it where that is less."""
     scene = screen.scene
-    cost, now = _cost(scene, free)
+    now = run_of(scene, free)
     if now is None:
         return None
-    first = cost
+    first = cost = now.cost
     for _ in range(rounds):
         wanted = _step(screen, free, now)
         if wanted is None:
             break
-        share, better = 1.0, False
-        while share > 0.2 and not better:
+        share, tried = 1.0, None
+        while share > 0.2 and not (tried and tried.cost < cost):
             other = _between(free, wanted, share)
-            tried, white = _cost(scene, other)
-            better = tried < cost
+            tried = run_of(scene, other)
             share *= 0.5
-        if not better:
+        if not (tried and tried.cost < cost):
             break
-        gained, cost, free, now = cost - tried, tried, other, white
+        gained, cost, free, now = cost - tried.cost, tried.cost, other, tried
         if gained < SMALL:
             break
-    return _judged(scene, held, free, before + min(gain, 0.5 * (first - cost)))
+    return _judged(scene, held, free, before + min(gain, 0.5 * (first - cost)), now.white)
 
 
-def _cost(scene: Scene, free: FreeModel) -> tuple[float, Array | None]:
-    residuals = free.residuals(scene)
-    if residuals is None:
-        return np.inf, None
-    white = scene.whiten(residuals)
-    return float(white @ white), white
-
-
-def _step(screen: FreeScreen, free: FreeModel, white: Array) -> FreeModel | None:
-    """The maps and numbers that explain `white` best to first order around `free`."""
-    motions = _motions(free, screen.scene, [p.place for p in free.parts])
-    if motions is None:
-        return None
+def _step(screen: FreeScreen, free: FreeModel, now: Run) -> FreeModel | None:
+    """The maps and numbers that explain `now` best to first order around `free`."""
+    white, motions = now.white, now.motions
     spans = [p.ranges for p in free.parts]
     tables = tables_of(screen, [(p.term, p.place) for p in free.parts], spans, motions)
     if not all(np.all(np.abs(t) < RUNAWAY) for t in tables):

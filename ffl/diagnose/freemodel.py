@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.screen import Place, Screen
 from ffl.diagnose.terms import Ranges, Term
 from ffl.diagnose.trials import Trial, start_of
+from ffl.diagnose.triangle import triangle
 from ffl.effects import Motion
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
@@ -20,7 +22,6 @@ from ffl.systems.state_space import Array
 REPEATS = 8  # most repetitions of a simulation: the map moves the machine, the motion moves the map
 FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
 RUNAWAY = 1e100  # of a trace in whitened y: the motion it belongs to has run away
-BLOCK = 1024  # rows of a table that are triangularised at once
 SETTLED = 1e-3  # change of y between two of them, relative to what the maps do to y
 SIZES = np.geomspace(1e-2, 1e7, 28)  # prior variances of a map's trace in whitened y
 
@@ -115,6 +116,31 @@ class FreeModel:
         return out
 
 
+@dataclass(frozen=True)
+class Run:
+    """What the fitted recordings are with the maps: whitened residual, motions at the maps' places."""
+
+    white: Array
+    motions: list[dict[Place, Motion]]
+
+    @cached_property
+    def cost(self) -> float:
+        return float(self.white @ self.white)
+
+
+def run_of(scene: Scene, free: FreeModel) -> Run | None:
+    """None where a simulation leaves all bounds."""
+    try:
+        found = [free.simulate(trial) for trial in scene.trials]
+    except InputError:
+        return None
+    runs = [f for f in found if f is not None]
+    if len(runs) < len(found):
+        return None
+    left = [t.y - run.y for t, (run, _) in zip(scene.trials, runs, strict=True)]
+    return Run(scene.whiten(left), [motions for _, motions in runs])
+
+
 class FreeScreen(Screen):
     """A screen whose model's own numbers are believed to be near nominal (`Coordinate.doubt`), so that
     a map takes what they cannot and no more is laid to them than an engineer's error."""
@@ -166,7 +192,7 @@ def evidence(term: Term, ranges: Ranges, table: Array, target: Array) -> Evidenc
     best = Evidence(-np.inf, 0.0, 1.0)
     if not np.all(np.abs(table) < RUNAWAY):
         return best
-    r, projected = reduced(table, target)
+    r, projected = triangle(table, target)
     scale = float(np.sum(table**2)) / len(table)
     if scale <= 0:
         return best
@@ -183,15 +209,6 @@ def evidence(term: Term, ranges: Ranges, table: Array, target: Array) -> Evidenc
     return best
 
 
-def reduced(table: Array, target: Array) -> tuple[Array, Array]:
-    """(R, Q'target) of table = Q R, block by block: the triangles of the blocks, then of these."""
-    whole = np.column_stack([table, target])
-    pieces = np.array_split(whole, max(1, len(whole) // BLOCK))
-    r = np.linalg.qr(np.vstack([np.linalg.qr(piece, "r") for piece in pieces]), "r")
-    k = table.shape[1]
-    return r[:k, :k], r[:k, k]
-
-
 def posterior(
     terms: Sequence[Term],
     ranges: Sequence[Ranges],
@@ -206,7 +223,7 @@ def posterior(
         values, vectors = np.linalg.eigh(kernel)
         roots.append(vectors * np.sqrt(np.maximum(values, 0.0)))
     seen = np.hstack([t @ root for t, root in zip(tables, roots, strict=True)])
-    r, projected = reduced(seen, target)
+    r, projected = triangle(seen, target)
     k = seen.shape[1]
     q, small = np.linalg.qr(np.vstack([r, np.eye(k)]))
     whole = np.linalg.solve(small, q[:k].T @ projected)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.fft
 
 from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.fit import Fit, Scene, fit
@@ -48,7 +50,12 @@ class Judged:
 
     @property
     def freedom(self) -> int:
-        return int(np.sum(np.linalg.norm(self.fit.jacobian, axis=0) > 0))
+        return self.fit.freedom
+
+    @cached_property
+    def independent(self) -> float:
+        """Samples that the held-out residual is worth."""
+        return effective(self.held_white) if len(self.held_white) else 0.0
 
     @property
     def score(self) -> float:
@@ -124,8 +131,8 @@ def held_out(held: Scene | None, scene: Scene, fitted: Fit) -> tuple[float, Arra
 def effective(white: Array, lags: int = 200) -> float:
     """Independent samples that a residual with this correlation is worth in its sum of squares."""
     lags = min(lags, len(white) // 4)
-    power = np.abs(np.fft.rfft(white, 2 * len(white))) ** 2
-    r = np.fft.irfft(power)[: lags + 1]
+    n = scipy.fft.next_fast_len(len(white) + lags, real=True)
+    r = scipy.fft.irfft(np.abs(scipy.fft.rfft(white, n)) ** 2, n)[: lags + 1]
     rho = r[1:] / max(r[0], 1e-300)
     return len(white) / (1.0 + 2.0 * float(np.sum(rho**2)))
 
@@ -136,12 +143,14 @@ def levelled(judged: Sequence[Judged]) -> list[Judged]:
     A model that is far off leaves a slow residual, few independent samples, and would pass for
     hardly worse than one that leaves noise: the sharpest of those compared says how many there are.
     """
-    n = max((effective(j.held_white) for j in judged if len(j.held_white)), default=0.0)
+    n = max((j.independent for j in judged if len(j.held_white)), default=0.0)
     out = []
     for j in judged:
         known = len(j.held_white) and np.isfinite(j.held_out)
         worth = -0.5 * n * float(np.log(np.mean(j.held_white**2))) if known else j.held_out
-        out.append(replace(j, held_out=worth))
+        other = replace(j, held_out=worth)
+        object.__setattr__(other, "independent", j.independent)  # of the same residual
+        out.append(other)
     return out
 
 

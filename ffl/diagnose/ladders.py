@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,13 +11,17 @@ import numpy as np
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
+from ffl.diagnose.parallel import each
 from ffl.diagnose.screen import Candidate, orthonormal
+from ffl.diagnose.triangle import lengths
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
 SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
+GLIMPSE = 8  # of so many samples one is simulated to see which starts are not worth the others
+SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
 
@@ -24,7 +29,12 @@ def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
     """The model of `like` with the effect, in the form and with its decisive parameter at the rung
     of a ladder of simulations that leave least, whatever the numbers fitted in `like` can mend
     beside it."""
-    model = like.model
+    starts = _rungs(scene, like.model, spec)
+    return _best(scene, like, starts) or starts[0]
+
+
+def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
+    """All starts within bounds."""
     forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
     values = [spec.parameters]
     ladder = EFFECTS[spec.name].ladder
@@ -40,22 +50,46 @@ def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
         for p in values
     ]
     starts = [model.with_effect(s) for s in tried]
-    starts = [start.at(start.theta) for start in starts]  # within bounds
-    if len(starts) == 1:
+    return [start.at(start.theta) for start in starts]
+
+
+def _best(scene: Scene, like: Fit, starts: Sequence[Model], below: float = np.inf) -> Model | None:
+    """The start that leaves least, None where none leaves less than `below`.
+
+    What the first samples leave alone, mended by numbers that need to fit no others, is less than what
+    all leave: starts are simulated to the end in its order, up to the one that is beyond the best.
+    """
+    if len(starts) == 1 and below == np.inf:
         return starts[0]
-    basis = orthonormal(scene.whiten_stacked(like.columns))
-    costs = []
-    for start in starts:
-        residuals = scene.residuals(start)
-        if residuals is None:
-            costs.append(np.inf)
-            continue
-        white = scene.whiten(residuals)
-        with np.errstate(over="ignore", invalid="ignore"):  # a start that runs away
-            mended = basis.T @ white
-            cost = float(white @ white - mended @ mended)
-        costs.append(cost if np.isfinite(cost) else np.inf)
-    return starts[int(np.argmin(costs))]
+    columns = scene.whiten_stacked(like.columns)
+    rows = min(len(scene.trials[0]), max(scene.samples // GLIMPSE, 1))
+    head = scene.head(rows)
+    size = np.maximum(lengths(columns[:rows]), 1e-300)
+    begun = np.linalg.qr(columns[:rows] / size)[0]
+    least = each(lambda start: _left(head, begun, start), starts)
+    basis, costs = orthonormal(columns), np.full(len(starts), np.inf)
+    order = deque(np.argsort(least, kind="stable"))
+
+    def complete(_: int) -> None:
+        k = order.popleft()
+        if least[k] <= min(below, costs.min()) * (1.0 + SLACK):
+            costs[k] = _left(scene, basis, starts[k])
+
+    each(complete, range(len(starts)))
+    k = int(np.argmin(costs))
+    return starts[k] if costs[k] < below else None
+
+
+def _left(scene: Scene, basis: Array, start: Model) -> float:
+    """Sum of squares that a start leaves beyond `basis`."""
+    residuals = scene.residuals(start)
+    if residuals is None:
+        return np.inf
+    white = scene.whiten(residuals)
+    with np.errstate(over="ignore", invalid="ignore"):  # a start that runs away
+        mended = basis.T @ white
+        cost = float(white @ white - mended @ mended)
+    return cost if np.isfinite(cost) else np.inf
 
 
 def _measured_levels(scene: Scene, name: str) -> Array:
@@ -82,8 +116,9 @@ def overlooked(
     for c in fresh:
         if EFFECTS[c.spec.name].ladder and c.spec.name not in names:
             names.add(c.spec.name)
-            residuals = quiet.residuals(with_best_start(quiet, c.like, c.spec))
-            left = np.inf if residuals is None else float(np.sum(quiet.whiten(residuals) ** 2))
-            if left < FALLS * base.fit.cost:
+            least = FALLS * base.fit.cost
+            start = _best(quiet, c.like, _rungs(quiet, c.like.model, c.spec), least)
+            residuals = None if start is None else quiet.residuals(start)
+            if residuals is not None and float(np.sum(quiet.whiten(residuals) ** 2)) < least:
                 out.append(c)
     return out

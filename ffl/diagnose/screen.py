@@ -8,6 +8,7 @@ judged by what they take off the residual beyond the linear model's own freedom.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,8 +19,9 @@ import scipy.optimize
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.model import Model
+from ffl.diagnose.parallel import each
 from ffl.diagnose.trials import Trial
-from ffl.diagnose.triangle import triangle
+from ffl.diagnose.triangle import lengths, triangle
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.effects.cascade import BETWEEN, OUT, lags
 from ffl.errors import InputError
@@ -233,8 +235,8 @@ class Screen:
         """(what the columns take off the residual's sum of squares, their coefficients; `positive`:
         none of them negative)."""
         beyond = columns - self.basis @ (self.basis.T @ columns)
-        size = np.linalg.norm(beyond, axis=0)
-        floor = NORM_FLOOR * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        size = lengths(beyond)
+        floor = NORM_FLOOR * np.maximum(lengths(columns), 1e-300)
         if np.any(size <= floor):
             return 0.0, np.zeros(columns.shape[1])
         if len(size) == 1:  # most of the grid: no factorisation needed
@@ -242,7 +244,8 @@ class Screen:
             if positive and coefficients[0] < 0:
                 return 0.0, np.zeros(1)
             return float(coefficients[0] ** 2), coefficients / size
-        r, target = triangle(beyond / size, self.residual)
+        r, target = triangle(beyond, self.residual)
+        r = r / size
         if np.abs(np.diag(r)).min() < 1e-7:
             return 0.0, np.zeros(columns.shape[1])
         coefficients = np.linalg.solve(r, target)
@@ -253,17 +256,19 @@ class Screen:
 
     def candidates(self, names: Sequence[str] | None = None) -> list[Candidate]:
         """Best starting point of every effect at every place, best first."""
-        out: list[Candidate] = []
-        for name, effect in EFFECTS.items():
-            if names is not None and name not in names:
-                continue
-            for place in self.places(effect):
-                try:
-                    found = self.best(effect, place)
-                except InputError:
-                    continue
-                if found is not None:
-                    out.append(found)
+        wanted = [e for name, e in EFFECTS.items() if names is None or name in names]
+        entries = [(effect, place) for effect in wanted for place in self.places(effect)]
+        for place in dict.fromkeys(place for _, place in entries):
+            with suppress(InputError):  # simulated once, before threads ask for it
+                self.motions(place)
+
+        def best(entry: tuple[Effect, Place]) -> Candidate | None:
+            try:
+                return self.best(*entry)
+            except InputError:
+                return None
+
+        out = [found for found in each(best, entries) if found is not None]
         return sorted(out, key=lambda c: -c.gain)
 
     def places(self, effect: Effect) -> list[Place]:
@@ -383,9 +388,9 @@ def orthonormal(columns: Array) -> Array:
     """Basis of the columns' span; directions below 1e-9 of the largest are dropped."""
     if columns.shape[1] == 0:
         return np.zeros((len(columns), 0))
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size = np.maximum(lengths(columns), 1e-300)
     kept = columns[:, size > 1e-12 * size.max()] if size.max() > 1e-290 else columns[:, :0]
     if not kept.shape[1]:
         return kept
-    u, s, _ = np.linalg.svd(kept / np.linalg.norm(kept, axis=0), full_matrices=False)
+    u, s, _ = np.linalg.svd(kept / lengths(kept), full_matrices=False)
     return u[:, s > 1e-9 * s[0]]

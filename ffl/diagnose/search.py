@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
+from ffl.diagnose.glimpse import promising
 from ffl.diagnose.harmonics import with_harmonics
 from ffl.diagnose.imitate import imitated
 from ffl.diagnose.judging import (
@@ -36,8 +38,9 @@ from ffl.diagnose.ladders import SWINGS, overlooked, with_best_start
 from ffl.diagnose.line import crosses
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
+from ffl.diagnose.parallel import each
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
-from ffl.diagnose.starts import with_clocks, with_starts
+from ffl.diagnose.starts import with_starts
 from ffl.effects import EFFECTS
 
 SHORTLIST = 6
@@ -46,8 +49,6 @@ WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 WORTH_A_FIT = 0.15  # of the best first-order gain
-GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
-PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
@@ -147,7 +148,6 @@ def contest(
         last_error = error
         if len(steps) == most:
             return Outcome(base, steps, held, contenders)
-        rivals = []
         least = (
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
@@ -166,14 +166,13 @@ def contest(
             far = base.fit.cost > SWINGS * len(base.fit.white)
             listed = shortlist(plain, places=SHORTLIST if far else 2)
             entrants += listed + overlooked(quiet, base, fresh, listed)
-        for first in promising(quiet, base, entrants):
-            rival = judge(quiet, held, first.model, 6, first)
+        rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
+        for rival in rivals:
             side = rival.model.effects[-1].options.get("side", "sensor")
             say(
                 f"  {rival.name} {side}: {rival.fitted - base.fitted:+.1f} fitted, "
                 f"{rival.held_out - base.held_out:+.1f} held out"
             )
-            rivals.append(rival)
         base, *rivals = levelled([base, *rivals])
         rivals.sort(key=lambda j: -j.score)
         for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
@@ -198,6 +197,10 @@ def contest(
         standing, again = accepted, False
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _joined(quiet: Scene, held: Scene | None, first: Fit) -> Judged:
+    return judge(quiet, held, first.model, 6, first)
 
 
 def plain_lags(
@@ -248,20 +251,6 @@ def screens(quiet: Scene, base: Judged) -> list[Screen]:
         nominal = replace(base.model, corrections=kept)
         out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
     return out
-
-
-def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list[Fit]:
-    """A few steps of every entrant from its best start; those that take off a good part of what the
-    best of them does."""
-    before = quiet.residuals(base.model)
-    cost = 0.0 if before is None else float(np.sum(quiet.whiten(before) ** 2))
-    fits = []
-    for c in entrants:
-        start = with_best_start(quiet, c.like, c.spec)
-        known = c.like.known(("correction", "given"))
-        fits.append(fit(with_clocks(quiet, start, 1), start, rounds=GLIMPSE, known=known))
-    most = max((cost - f.cost for f in fits), default=0.0)
-    return [f for f in fits if cost - f.cost >= PROMISING * most]
 
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company
@@ -320,15 +309,13 @@ def settle(
             before = []  # the company has changed since
         others = [(name, current), *before[1:]]
         only = PLIABLE if before else None
-        for c in challengers(quiet, current, index, steps, reserve, only):
-            start = with_best_start(quiet, c.like, c.spec)
-            other = judge(quiet, held, start, 4, c.like)
-            if other.score > current.score - HOPELESS * (current.score - without.score):
-                other = judge(quiet, held, other.model, 8, other.fit)
-                coarse, plain = levelled([other, current])
-                if c.spec.name not in PLIABLE or coarse.score > plain.score:
-                    other = refined(quiet, held, other, say)
-            others.append((c.spec.name, other))
+        trial = partial(_tried, quiet, held, current, without)
+        for rival, other, lines in each(
+            trial, challengers(quiet, current, index, steps, reserve, only)
+        ):
+            others.append((rival, other))
+            for line in lines:
+                say(line)
         names, tried = zip(*others, strict=True)
         *tried, alone = levelled([*tried, without])
         others = list(zip(names, tried, strict=True))
@@ -353,6 +340,22 @@ def settle(
             best_name = name
         contenders[best_name] = others
     return current, contenders
+
+
+def _tried(
+    quiet: Scene, held: Scene | None, current: Judged, without: Judged, c: Candidate
+) -> tuple[str, Judged, list[str]]:
+    """What a challenger reaches in the place of the effect that `current` has and `without` has not:
+    its name, its fit and what there is to say of it."""
+    lines: list[str] = []
+    start = with_best_start(quiet, c.like, c.spec)
+    other = judge(quiet, held, start, 4, c.like)
+    if other.score > current.score - HOPELESS * (current.score - without.score):
+        other = judge(quiet, held, other.model, 8, other.fit)
+        coarse, plain = levelled([other, current])
+        if c.spec.name not in PLIABLE or coarse.score > plain.score:
+            other = refined(quiet, held, other, lines.append)
+    return c.spec.name, other, lines
 
 
 def _plainer(rival: Judged, current: Judged) -> bool:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ffl.diagnose.triangle import triangle
+from ffl.diagnose.triangle import lengths, triangle
 
 
 @pytest.mark.parametrize("n", [5, 70, 1000, 20_003])
@@ -21,3 +21,8 @@ def test_keeps_what_depends_on_the_rest_visible():
     x = np.random.default_rng(4).standard_normal((3000, 2))
     r, _ = triangle(np.column_stack([x, x.sum(axis=1)]), x[:, 0])
     assert abs(r[2, 2]) < 1e-12 * abs(r[0, 0])
+
+
+def test_lengths_are_norms_of_columns():
+    x = np.random.default_rng(5).standard_normal((300, 3)) * [1e-150, 1.0, 1e150]
+    np.testing.assert_allclose(lengths(x), np.linalg.norm(x, axis=0), rtol=1e-13)

@@ -10,12 +10,13 @@ from ffl.diagnose.advise import separate
 from ffl.diagnose.events import events
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.freeform import held_gain
-from ffl.diagnose.freemodel import FreeModel, evidence, reduced
+from ffl.diagnose.freemodel import FreeModel, evidence
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.terms import TERMS, ranges_of
 from ffl.diagnose.trials import prepare
+from ffl.diagnose.triangle import triangle
 from ffl.effects import Motion
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording, read_recording
@@ -130,7 +131,7 @@ def test_evidence_is_there_for_a_map_and_not_for_noise(motion):  # type: ignore[
 def test_triangle_by_blocks_is_that_of_the_whole():  # type: ignore[no-untyped-def]
     rng = np.random.default_rng(2)
     table, target = rng.standard_normal((5000, 7)), rng.standard_normal(5000)
-    r, q = reduced(table, target)
+    r, q = triangle(table, target)
     np.testing.assert_allclose(r.T @ r, table.T @ table, rtol=1e-9)
     np.testing.assert_allclose(r.T @ q, table.T @ target, rtol=1e-8, atol=1e-8)
 

@@ -1,0 +1,33 @@
+"""Who of many rivals gets anywhere: a few steps of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.judging import Judged
+from ffl.diagnose.ladders import with_best_start
+from ffl.diagnose.parallel import each
+from ffl.diagnose.screen import Candidate
+from ffl.diagnose.starts import with_clocks
+
+GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
+PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
+
+
+def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list[Fit]:
+    """A few steps of every entrant from its best start; those that take off a good part of what the
+    best of them does."""
+    before = quiet.residuals(base.model)
+    cost = 0.0 if before is None else float(np.sum(quiet.whiten(before) ** 2))
+
+    def begun(c: Candidate) -> Fit:
+        start = with_best_start(quiet, c.like, c.spec)
+        known = c.like.known(("correction", "given"))
+        return fit(with_clocks(quiet, start, 1), start, rounds=GLIMPSE, known=known)
+
+    fits = each(begun, entrants)
+    most = max((cost - f.cost for f in fits), default=0.0)
+    return [f for f in fits if cost - f.cost >= PROMISING * most]
