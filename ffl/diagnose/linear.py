@@ -14,6 +14,7 @@ mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a furthe
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,7 @@ from ffl.systems.zpk import Zpk
 A_ZERO = 0.005  # of the sum of two lags: a faster zero is that of the hold, or rounding
 WITHOUT_ZERO = "without_zero"
 BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
+KEPT = 64  # corrected simulators: more than one Jacobian asks for
 BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slower than 1 kHz
 
 
@@ -143,8 +145,14 @@ def _moved(mode: Mode, push: Array, b: Array, stiffness: float, damping: float) 
 
 
 def simulator_with(simulator: Simulator, values: Mapping[str, float]) -> Simulator:
-    """`simulator` on the corrected plant; its states keep their meaning."""
-    mechanics = corrected(simulator.mechanics, values)
+    """`simulator` on the corrected plant; its states keep their meaning. One for all models with these
+    corrections: most that are fitted differ in their effects alone."""
+    return _simulator_with(simulator, tuple(values.items()))
+
+
+@functools.lru_cache(KEPT)
+def _simulator_with(simulator: Simulator, values: tuple[tuple[str, float], ...]) -> Simulator:
+    mechanics = corrected(simulator.mechanics, dict(values))
     if mechanics is simulator.mechanics:
         return simulator
     return simulator.with_mechanics(mechanics)

@@ -350,10 +350,11 @@ def _tried(
     lines: list[str] = []
     start = with_best_start(quiet, c.like, c.spec)
     other = judge(quiet, held, start, 4, c.like)
-    if other.score > current.score - HOPELESS * (current.score - without.score):
+    least = current.score - HOPELESS * (current.score - without.score)
+    if other.score > least:
         other = judge(quiet, held, other.model, 8, other.fit)
         coarse, plain = levelled([other, current])
-        if c.spec.name not in PLIABLE or coarse.score > plain.score:
+        if coarse.score > (plain.score if c.spec.name in PLIABLE else least):
             other = refined(quiet, held, other, lines.append)
     return c.spec.name, other, lines
 

@@ -128,7 +128,14 @@ class Mechanics:
         if self.modes[1].sign > 0:
             return self._collocated if mass_ratio is None else None
         ratio = mass_ratio or self.modes[1].residue / self.modes[0].residue
-        return across(self.a, self.b * self.sign, self.position, ratio)
+        if ratio not in self._across:
+            self._across[ratio] = across(self.a, self.b * self.sign, self.position, ratio)
+        return self._across[ratio]
+
+    @cached_property
+    def _across(self) -> dict[float, TwoMasses | None]:
+        """By mass ratio; filled as asked for."""
+        return {}
 
     @cached_property
     def _collocated(self) -> TwoMasses | None:
