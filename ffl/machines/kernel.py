@@ -170,12 +170,13 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
                         for w in range(n_points):
                             x1[w] += gx[w, where[j]] * mean[j] + gx_slope[w, where[j]] * slope[j]
                             v1[w] += gv[w, where[j]] * mean[j] + gv_slope[w, where[j]] * slope[j]
-                before = 0.0
+                before, idle = 0.0, 0
                 for sweep in range(SWEEPS):
                     change, size = 0.0, 0.0
                     io[FIRST] = 1.0 if sweep == 0 else 0.0
                     for j in range(count):
-                        if ports[j] != FORCE:
+                        # Solved already, if none of the others has changed since.
+                        if ports[j] != FORCE or (sweep > 0 and idle >= forces - 1):
                             continue
                         w = where[j]
                         io[X0], io[V0] = x0[w], v0[w]
@@ -187,6 +188,7 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
                         call_law(addresses[j], p, at_p[j], s, at_s[j], io)
                         dm, ds = io[MEAN] - mean[j], io[SLOPE] - slope[j]
                         mean[j], slope[j] = io[MEAN], io[SLOPE]
+                        idle = idle + 1 if dm == 0.0 and ds == 0.0 else 0
                         for q in range(n_points):
                             x1[q] += gx[q, w] * dm + gx_slope[q, w] * ds
                             v1[q] += gv[q, w] * dm + gv_slope[q, w] * ds

@@ -24,6 +24,7 @@ MODE_ANGLE = 0.4  # the same for the first mode, where dry friction excites it
 FALL = 0.15  # and for friction that falls with speed to change the velocity by this share of it
 MOST_FALL_STEPS = 8
 MOST_SUBSTEPS = 64
+TIME = frozenset({"time", "temperature"})  # what goes on whatever the machine does
 
 Side = tuple[str, float | None]
 
@@ -67,6 +68,10 @@ class Compiler:
             for part in effect.parts(values, setting):
                 where = points.place((part.side, part.mass_ratio))
                 actors.append(_Actor(index, effect, port, where, part.law, part.packed))
+        # Forces that no motion changes come first: those that it does are then solved beside them once.
+        actors.sort(
+            key=lambda a: a.port == "force" and set(a.effect.depends_on) <= TIME, reverse=True
+        )
         for side in watch:
             points.place(side)
         if last:
