@@ -99,7 +99,8 @@ class FreeModel:
         return self.model.simulator.run(
             self.model.acting, trial.reference, trial.feedforward, force=load,
             noise=ports.get("output"), start=start, start_time=trial.start_time,
-            before=trial.before, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
+            before=trial.before,
+            travel=trial.travel, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
             applied=(ports["force"], side) if side else None,
         )  # fmt: skip
 

@@ -57,6 +57,7 @@ def imitated(
             start=start_of(simulator, plant.effects, trial),
             start_time=trial.start_time,
             before=trial.before,
+            travel=trial.travel,
         )
 
     out = []

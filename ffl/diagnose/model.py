@@ -147,6 +147,7 @@ class Model:
             start=start_of(self.base.simulator, self.acting, trial),
             start_time=trial.start_time,
             before=trial.before,
+            travel=trial.travel,
             watch=watch,
             substeps=self.substeps,
         )

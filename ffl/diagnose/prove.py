@@ -68,6 +68,7 @@ def run_plant(plant: Plant, trial: Trial) -> Simulation:
         start=start_of(simulator, plant.effects, trial),
         start_time=trial.start_time,
         before=trial.before,
+        travel=trial.travel,
     )
 
 

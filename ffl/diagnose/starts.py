@@ -10,9 +10,12 @@ from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
+from ffl.effects import EFFECTS
+from ffl.systems.state_space import Array
 
 SECONDS = 1.0  # what the start still shows in
 SETTLED = 30.0  # time constants after which a drift is over
+PRIORS = (0.1, 1.0, 10.0)  # 1/doubts: a step that leads too far is tried shorter
 MOST = 8  # steps: directions that the first second shows faintly come in slowly
 DONE = 0.1  # of the sum of squares in units of the noise: what one more step must bring
 
@@ -31,8 +34,8 @@ def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
 
 
 def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, float]:
-    """One Gauss-Newton step on the plant's states, with the doubt as prior, and what it takes off the
-    sum of squares."""
+    """One Gauss-Newton step on the plant's states and on the travel that its contacts remember, with the
+    doubt as prior, and what it takes off the sum of squares."""
     n = model.base.simulator.n_plant
     order = np.flatnonzero(np.diag(trial.doubt) > 0)
     at = [k for k in range(n) if k < len(trial.start)]
@@ -44,25 +47,35 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
         return whole, 0.0
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
     sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
+    reach = max((EFFECTS[s.name].reach(s.parameters) for s in model.acting), default=0.0)
+    size = len(at) + (reach > 0)
+
+    def moved(trial: Trial, step: Array) -> Trial:
+        start = trial.start.copy()
+        start[at] += step[: len(at)] * spread[at]
+        return replace(
+            trial, start=start, travel=trial.travel + reach * float(step[len(at) :].sum())
+        )
+
     columns = []
-    for k in at:
-        moved = trial.start.copy()
-        moved[k] += 0.1 * spread[k]
-        other = model.simulate(replace(trial, start=moved))
+    for unit in np.eye(size):
+        other = model.simulate(moved(trial, 0.1 * unit))
         if other.diverged:
             return whole, 0.0
         columns.append((other.y - run.y) / 0.1)
     j = sure(np.column_stack(columns))
     e = sure(trial.y - run.y)
-    stacked = np.vstack([j, 0.1 * np.eye(len(at))])  # a prior of ten times the doubt
-    step = np.linalg.lstsq(stacked, np.append(e, np.zeros(len(at))), rcond=None)[0]
-    start = trial.start.copy()
-    start[at] += step * spread[at]
-    after = model.simulate(replace(trial, start=start))
-    if after.diverged:
-        return whole, 0.0
-    gained = float(e @ e) - float(np.sum(sure(trial.y - after.y) ** 2))
-    return (replace(whole, start=start) if gained > 0 else whole), gained
+    for prior in PRIORS:
+        stacked = np.vstack([j, prior * np.eye(size)])
+        step = np.linalg.lstsq(stacked, np.append(e, np.zeros(size)), rcond=None)[0]
+        step[len(at) :] = np.clip(step[len(at) :], -1.0, 1.0)  # further on it bends
+        after = model.simulate(moved(trial, step))
+        if after.diverged:
+            continue
+        gained = float(e @ e) - float(np.sum(sure(trial.y - after.y) ** 2))
+        if gained > 0:
+            return moved(whole, step), gained
+    return whole, 0.0
 
 
 def _spread(trial: Trial, model: Model) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffl.diagnose.linear import carried, discrete
 from ffl.effects import EFFECTS, Mechanics
+from ffl.effects.modal import is_speed
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -18,6 +19,8 @@ from ffl.systems.state_space import Array
 
 SPAN = 0.01  # s over which speed is read from y
 HOLD = 1000  # most samples over which the place of a machine at rest is read
+TURN = 1e-3  # of the range of y: a way back that is a turning point
+MOVING = 0.1  # of the largest speed: in motion at the first sample
 SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
 
 
@@ -41,6 +44,7 @@ class Trial:
     doubt: Array
     at_rest: bool
     mechanics: Mechanics
+    travel: float = 0.0  # in one direction until the first sample, as near as it is known
 
     def __len__(self) -> int:
         return len(self.y)
@@ -251,7 +255,24 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         doubt,
         rest,
         simulator.mechanics,
+        0.0 if rest else _travel(recording, is_speed(plant.output_unit)),
     )
+
+
+def _travel(recording: Recording, speed: bool) -> float:
+    """From the first sample to the first turning point, signed: as likely as not, as far as it was from
+    the last one to the first sample. 0 where the machine hardly moves at first: which way it came
+    is then unknown."""
+    y = np.cumsum(recording.y) * recording.sample_time if speed else recording.y
+    span = min(max(round(SPAN / recording.sample_time), 8), len(y) - 1)
+    moved = np.abs(y[span:] - y[:-span])
+    if moved[0] < MOVING * moved.max():
+        return 0.0
+    sign = np.sign(y[span] - y[0])
+    along = sign * (y - y[0])
+    farthest = np.maximum.accumulate(along)
+    back = farthest - along > TURN * float(np.ptp(y))
+    return float(sign * farthest[np.argmax(back) if back.any() else -1])
 
 
 def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) -> Array:

@@ -252,6 +252,18 @@ class Effect:
         remembers no command is as it was."""
         return state
 
+    def after_travel(
+        self, state: list[float], packed: Sequence[float], travel: float
+    ) -> list[float]:
+        """`state` as a `travel` in one direction (output units, signed) leaves it that ended at the first
+        sample; what remembers no path is as it was."""
+        return state
+
+    def reach(self, values: Parameters) -> float:
+        """Travel in one direction (output units) over which the path before is forgotten, but for a
+        factor; 0 where none is remembered."""
+        return 0.0
+
     def stiffness(self, packed: Sequence[float]) -> float:
         """Largest force per displacement the law can show, input unit / output unit: decides how
         many sub-steps a sample is cut into."""

@@ -57,8 +57,14 @@ class Hysteresis(Effect):
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]
 
+    def after_travel(self, state, packed, travel):  # type: ignore[no-untyped-def]
+        return [bouc_wen_step(0.0, travel, *packed[1:4]), state[1]]
+
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[0] / packed[1]
+
+    def reach(self, values: Parameters) -> float:
+        return float(values["displacement"])
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [

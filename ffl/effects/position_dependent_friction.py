@@ -10,6 +10,7 @@ from numba import njit
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.bristle import set_bristle
 from ffl.effects.law import COMMIT, FIRST, GV, V0, V1, X0, X1
+from ffl.effects.paths import bouc_wen_step
 from ffl.effects.solve import middle_motion, set_friction
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -142,6 +143,13 @@ class PositionDependentFriction(Effect):
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0, 0.0, 1.0]
 
+    def after_travel(self, state, packed, travel):  # type: ignore[no-untyped-def]
+        if not packed[-3] > 0:
+            return state
+        levels = packed[1 + int(packed[0]) : -3]
+        displacement = max(float(np.mean(levels)) / packed[-3], LEAST)
+        return [displacement * bouc_wen_step(0.0, travel, displacement, 1.0, 1.0), *state[1:]]
+
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[-3]
 
@@ -151,6 +159,9 @@ class PositionDependentFriction(Effect):
             return 0.0
         knots = int(packed[0])
         return np.sqrt(2.0 / np.e) * (ratio - 1.0) * max(packed[1 + knots : -3]) / velocity
+
+    def reach(self, values: Parameters) -> float:
+        return float(values["level"] / values["stiffness"]) if values.get("stiffness") else 0.0
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         low, high = float(motion.x.min()), float(motion.x.max())

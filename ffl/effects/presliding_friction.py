@@ -9,8 +9,8 @@ import numpy as np
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.bristle import set_bristle
 from ffl.effects.modal import is_speed
-from ffl.effects.paths import bouc_wen
-from ffl.effects.slip import ELEMENTS, set_slip, slip
+from ffl.effects.paths import bouc_wen, bouc_wen_step
+from ffl.effects.slip import ELEMENTS, carried, set_slip, slip
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -50,11 +50,21 @@ class PreslidingFriction(Effect):
     law = staticmethod(_law)
     remembers = True
 
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        kind = KINDS.index(setting.options.get("kind", KINDS[0]))
+        return [*super().pack(values, setting), float(kind)]
+
     def law_in(self, setting: Setting):  # type: ignore[no-untyped-def]
         return _slip_law if setting.options.get("kind") == "maxwell_slip" else _law
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0] * (ELEMENTS + 1)
+
+    def after_travel(self, state, packed, travel):  # type: ignore[no-untyped-def]
+        displacement = packed[0] / packed[1]
+        if packed[3]:
+            return [*carried(travel, displacement), state[-1]]
+        return [displacement * bouc_wen_step(0.0, travel, displacement, 1.0, 1.0), *state[1:]]
 
     def forms(self, flexible: bool) -> list[dict[str, Any]]:
         """That of machines; whether the other does better is asked once this one stands."""
@@ -62,6 +72,9 @@ class PreslidingFriction(Effect):
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[1]
+
+    def reach(self, values: Parameters) -> float:
+        return float(values["level"] / values["stiffness"])
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"displacement": float(d)} for d in motion.span * np.geomspace(1e-5, 2.5e-2, 8)]

@@ -93,6 +93,12 @@ def set_slip(io, s, plus, minus, stiffness, damping):  # type: ignore[no-untyped
     set_curve(io, -stiffness * start, -stiffness * z, -rate * (z - start))
 
 
+def carried(travel: float, displacement: float) -> Array:
+    """Deflections after a `travel` in one direction from an unloaded contact, (ELEMENTS,)."""
+    limits = YIELDS * displacement
+    return np.clip(travel, -limits, limits)
+
+
 @njit(cache=True, error_model="numpy")
 def _path(x, displacement, s, z):  # type: ignore[no-untyped-def]
     for k in range(1, len(x)):

@@ -46,9 +46,10 @@ class Compiler:
         watch: Sequence[Side] = (),
         last: bool = False,
         before: float = 0.0,
+        travel: float = 0.0,
     ) -> Program:
         """Everything the kernel needs; with `last`, the last watched side gets a point at the end;
-        `before`: see `Simulator.run`."""
+        `before`, `travel`: see `Simulator.run`."""
         catalogue = [effect_of(spec) for spec in effects]
         checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
         mechanics, changes = self._mechanics, []
@@ -84,12 +85,10 @@ class Compiler:
             discrete = _discretise(mechanics, points.found, substeps)
             if not changes:
                 self._prepared[key] = discrete
-        states = [
-            actor.effect.after_command(
-                actor.effect.initial_state(actor.packed, discrete.step), before
-            )
-            for actor in actors
-        ]
+        states = []
+        for effect, packed in ((actor.effect, actor.packed) for actor in actors):
+            state = effect.after_command(effect.initial_state(packed, discrete.step), before)
+            states.append(effect.after_travel(state, packed, travel) if travel else state)
         return Program(
             mechanics,
             discrete,

@@ -150,6 +150,7 @@ class Simulator:
         start: ArrayLike | None = None,
         start_time: float = 0.0,
         before: float = 0.0,
+        travel: float = 0.0,
         command_limit: float | None = None,
         encoder_resolution: float = 0.0,
         substeps: int | None = None,
@@ -162,13 +163,15 @@ class Simulator:
         `noise` (added to the measured y) are (N,) or None for zero. `applied` is a force (input
         units, straight between samples) and the side (name, mass_ratio) on which it acts; `watch`
         are sides whose motion is wanted. `before` is the command (input units) that was held until
-        the first sample: what a delay or a lag of the command still remembers. Deterministic. Raises
+        the first sample: what a delay or a lag of the command still remembers; `travel` the distance
+        (output units, signed) covered in one direction until then: what a contact still remembers.
+        Deterministic. Raises
         `InputError` for signals of unequal length and for effects that do not apply to the plant.
         """
         signals = _signals(reference, feedforward, force, noise, applied and applied[0])
         n = len(signals[0])
         wanted = [*watch, applied[1]] if applied else list(watch)
-        program = self._compiler.compile(effects, substeps, wanted, bool(applied), before)
+        program = self._compiler.compile(effects, substeps, wanted, bool(applied), before, travel)
         delay = self.mechanics.delay
         if delay:  # the force enters with the command it stands beside
             signals[2][:] = np.concatenate(

@@ -170,6 +170,32 @@ def table(**contact):
     return EffectSpec("position_dependent_friction", {"table": flat, **contact})
 
 
+SLIDES = {"level": 5.0, "stiffness": 2e5, "micro_damping": 100.0}
+BOUC_WEN = {"force": 5.0, "displacement": 1e-4, "exponent": 1.0, "beta": 0.5}
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        EffectSpec("presliding_friction", SLIDES, {"kind": "lugre"}),
+        EffectSpec("presliding_friction", SLIDES, {"kind": "maxwell_slip"}),
+        EffectSpec("hysteresis", BOUC_WEN),
+        table(stiffness=2e5),
+    ],
+    ids=["lugre", "slip", "bouc_wen", "table"],
+)
+def test_a_run_cut_in_motion_goes_on_from_the_travel_until_then(contact):
+    r = reference()
+    whole = CLOSED.run([contact], r)
+    cut = int(np.argmin(whole.v))  # at full speed on the way back
+    first = CLOSED.run([contact], r[:cut])
+    travel = whole.y[cut] - whole.y[:cut].max()
+    assert travel < -0.003
+    later = CLOSED.run([contact], r[cut:], start=first.end, travel=travel).y - whole.y[cut:]
+    fresh = CLOSED.run([contact], r[cut:], start=first.end).y - whole.y[cut:]
+    assert np.abs(later).max() < 1e-9 * np.abs(fresh).max()
+
+
 def test_a_flat_table_that_yields_is_presliding_friction():
     r = reference()
     lugre = EffectSpec(

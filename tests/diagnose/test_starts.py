@@ -1,0 +1,52 @@
+"""Recordings that begin in motion or with a contact under load."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.starts import with_starts
+from ffl.diagnose.trials import prepare
+from ffl.systems.plant import EffectSpec
+
+CONTACTS = {
+    "slides": EffectSpec(
+        "presliding_friction",
+        {"level": 8.0, "stiffness": 4e4, "micro_damping": 0.0},
+        {"kind": "maxwell_slip"},
+    ),
+    "on the way": EffectSpec(
+        "hysteresis", {"force": 8.0, "displacement": 0.01, "exponent": 1.0, "beta": 0.5}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_what_a_contact_remembers_belongs_to_the_start(stage, record, name):
+    machine = replace(stage, effects=(CONTACTS[name],))
+    cut = record(machine)[0][380:1400]  # within the first move
+    base = Base.of(stage, 0.1)
+    trial = prepare(base.simulator, cut, 1e-7)
+    assert not trial.at_rest
+    assert trial.travel > 0
+    model = Model(base, effects=(CONTACTS[name],))
+
+    def left(travel):
+        scene = Scene(stage.loop, (replace(trial, travel=travel),), Noise(1e-7, 2e-3))
+        (settled,) = with_starts(scene, model).trials
+        white = scene.whiten([settled.y - model.simulate(settled).y])[100:]
+        return float(np.mean(white**2))
+
+    assert left(trial.travel) < 1.3
+
+
+def test_a_machine_that_hardly_moves_at_first_has_come_from_nowhere(stage, record):
+    machine = replace(stage, effects=(CONTACTS["slides"],))
+    recording = record(machine)[0]
+    simulator = Base.of(stage, 0.1).simulator
+    assert prepare(simulator, recording, 1e-7).travel == 0.0
+    assert prepare(simulator, recording[255:], 1e-7).travel == 0.0
+    assert prepare(simulator, recording[1030:], 1e-7).travel < -0.01
