@@ -40,20 +40,18 @@ from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
+from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts
 from ffl.effects import EFFECTS
 
-SHORTLIST = 6
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 KEEP = 20.0  # score an effect must be worth beside all others
 SUBSTITUTE = 3.0  # score by which a sibling must be better
-WORTH_A_FIT = 0.15  # of the best first-order gain
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
 NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
-ELSEWHERE = 0.4  # of the first-order gain: the same physics at another point worth a fit
 
 
 @dataclass(frozen=True)
@@ -75,31 +73,6 @@ class Outcome:
     steps: list[Step]
     held: Scene | None
     contenders: dict[str, list[tuple[str, Judged]]]
-
-
-def shortlist(
-    candidates: Sequence[Candidate], depth: int = SHORTLIST, places: int = 2
-) -> list[Candidate]:
-    """Who is worth a full fit: the best of the screen, one place per effect but for the first few
-    (`places`), and their siblings."""
-    if not candidates:
-        return []
-    best: dict[str, Candidate] = {}
-    for c in candidates:
-        best.setdefault(c.spec.name, c)
-    ranked = sorted(best.values(), key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
-    top = ranked[0].gain
-    chosen = [c for c in ranked[:depth] if c.gain > WORTH_A_FIT * top]
-    names = {c.spec.name for c in chosen}
-    for c in list(chosen[:places]):  # the same physics at another point of the machine
-        elsewhere = [o for o in candidates if o.spec.name == c.spec.name and o is not c]
-        chosen += [o for o in elsewhere if o.gain > ELSEWHERE * c.gain]
-    for c in ranked[:2]:
-        for sibling in EFFECTS[c.spec.name].siblings:
-            if sibling in best and sibling not in names and best[sibling].gain > 0.02 * top:
-                chosen.append(best[sibling])
-                names.add(sibling)
-    return chosen
 
 
 def contest(
