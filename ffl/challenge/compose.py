@@ -27,6 +27,12 @@ NEVER_WEAK = (
     "sensor_nonlinearity",
 )
 
+# Two that are one: levels by direction hold any constant load, a spring's centre moves with it.
+ONE_AND_THE_SAME = (
+    {"asymmetric_friction", "constant_load"},
+    {"linear_stiffness", "constant_load"},
+)
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -64,11 +70,13 @@ def _singles(rng: np.random.Generator) -> list[Plan]:
 
 
 def _several(rng: np.random.Generator, k: int) -> Plan:
-    """Two effects, each fourth time three, of different families."""
+    """Two effects, each fourth time three, of different families, that are not one and the same."""
     count = 3 if k % 4 == 3 else 2
     names = [n for n in EFFECTS if n != "sensor_nonlinearity"]
     while True:
         chosen = tuple(map(str, rng.choice(names, count, replace=False)))
+        if any(pair <= set(chosen) for pair in ONE_AND_THE_SAME):
+            continue
         if len({EFFECTS[n].family for n in chosen}) == count:
             return Plan("several", chosen, _machines(chosen, rng), "masked" if k % 2 else "none")
 

@@ -15,7 +15,7 @@ from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled, raw_residuals
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import places_of
+from ffl.diagnose.screen import Place, places_of
 from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
@@ -97,7 +97,10 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 current = within
                 continue
         best: Judged | None = None
-        for place in places_of(current.model):
+        places = places_of(current.model)
+        if name == "mass" and len(places) > 1:
+            places = [*places, Place("force", "all")]
+        for place in places:
             spec = EffectSpec(effect, _effect_values(current.model, name), place.options)
             corrections = {k: v for k, v in current.model.corrections.items() if k != name}
             model = replace(

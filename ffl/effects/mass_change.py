@@ -11,14 +11,21 @@ from ffl.systems.state_space import Array
 
 
 class MassChange(Effect):
-    """F = -change mass a, put into the linear part and so exact at any size."""
+    """F = -change mass a, put into the linear part and so exact at any size.
+
+    On side `all` every mode is heavier by the same share, which is as well a command that moves less:
+    such a change has no point where it sits.
+    """
 
     name = "mass_change"
     parameters = (Parameter("change", "", lower=-0.99),)
+    sides = (*Effect.sides, "all")
     depends_on = ("acceleration",)
     siblings = ("viscous_friction", "flexible_mode", "position_dependent_gain")
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
+        if self.side_in(setting) == "all":
+            return mechanics.with_inertia(1.0 + values["change"])
         point = mechanics.point(self.side_in(setting), setting.mass_ratio)
         return mechanics.with_mass(point, values["change"] * mechanics.moving_mass)
 

@@ -242,6 +242,17 @@ class Mechanics:
         row = hung_point.position if self.place is None else hung_point.velocity
         return replace(changed, c=row, sensor=hung_point)
 
+    def with_inertia(self, factor: float) -> Mechanics:
+        """`factor` times the mass in every mode: each force moves less, damping and spring of the first
+        mode stay what they are as forces, and the other modes keep their frequency and damping."""
+        gain, same, first = 1.0 / factor, np.eye(self.order), self.modes[0]
+        row = first.damping * first.velocity + first.stiffness * first.position
+        a = self.a - (gain - 1.0) * np.outer(first.force / first.residue, row)
+        fast = StateSpace(
+            self.fast.a, self.fast.b, gain * self.fast.c, gain * self.fast.d, self.sample_time
+        )
+        return self._changed(gain * same, same, a=a, d=self.d * gain, fast=fast)
+
     def with_mass(self, point: Point, mass: float) -> Mechanics:
         """Adds the force -mass * acceleration at `point` to the linear part."""
         mobility = point.mobility

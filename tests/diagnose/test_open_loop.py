@@ -23,6 +23,7 @@ from ffl.diagnose.trials import prepare
 from ffl.diagnose.unfold import looks_folded
 from ffl.diagnose.unnamed import compare
 from ffl.recordings import Recording
+from ffl.systems import load_plant
 from ffl.systems.plant import EffectSpec, Imperfections, Plant
 from ffl.systems.plant_file import plant_from_dict
 from ffl.systems.zpk import Zpk
@@ -127,6 +128,18 @@ def test_a_correction_of_a_spring_stage_is_the_effect_it_grows_into(spring, name
     values = {**dict.fromkeys(("mass", "damping", "stiffness"), 0.0), name: value}
     ours = base.simulator.with_mechanics(corrected(base.simulator.mechanics, values))
     u = np.sin(2 * np.pi * 20.0 * STEP * np.arange(1000) ** 1.02)
+    wanted = base.simulator.run((effect,), feedforward=u).y
+    np.testing.assert_allclose(ours.run((), feedforward=u).y, wanted, atol=1e-6 * np.ptp(wanted))
+
+
+@pytest.mark.parametrize("name", ["spring_stage", "printer"])
+def test_a_mass_in_every_mode_is_the_correction_it_grows_out_of(spring, name):
+    """Where the modes' shapes stay and all moves less, no point of the machine holds the mass."""
+    plant = spring if name == "spring_stage" else load_plant("plants/flatbed_printer.toml")
+    base = Base.of(plant)
+    ours = base.simulator.with_mechanics(corrected(base.simulator.mechanics, {"mass": -0.08}))
+    effect = EffectSpec("mass_change", {"change": -0.08}, {"side": "all"})
+    u = np.sin(2 * np.pi * 20.0 * plant.sample_time * np.arange(1000) ** 1.02)
     wanted = base.simulator.run((effect,), feedforward=u).y
     np.testing.assert_allclose(ours.run((), feedforward=u).y, wanted, atol=1e-6 * np.ptp(wanted))
 
