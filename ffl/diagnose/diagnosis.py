@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -13,7 +14,7 @@ from ffl.diagnose.clip import clipping
 from ffl.diagnose.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge, raw_error
-from ffl.diagnose.line import across_the_line
+from ffl.diagnose.line import across_the_line, renamed
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.observer import decay_for, led, moving, needs_observer, with_observer
@@ -131,8 +132,8 @@ def diagnose(
         scene = with_starts(scene, standing.model)
         held = with_starts(replace(held, noise=scene.noise), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
-    if not standing.predicted:
-        standing = across_the_line(standing.scene, held, standing)
+    name = renamed if standing.predicted else partial(across_the_line, standing.scene, held)
+    standing = name(standing)
     held = with_starts(replace(held, noise=standing.scene.noise), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others

@@ -195,6 +195,11 @@ class Model:
                             yield Coordinate(kind, name, i, (key, j), size, 0.0)
                     continue
                 yield self._number(kind, i, spec, parameter, float(value))
+            if kind == "effect":
+                for name, (_, low, high) in effect.free_options(spec.options).items():
+                    yield Coordinate(
+                        "option", name, i, None, 1.0, float(np.log(low)), float(np.log(high)), True
+                    )
         if kind == "effect" and self.mass_ratio is not None:  # one machine has one
             yield Coordinate("option", "mass_ratio", -1, None, 1.0, np.log(0.05), np.log(20), True)
 
@@ -256,8 +261,11 @@ class Model:
     def _read(self, c: Coordinate) -> float:
         if c.kind == "correction":
             return float(self.corrections.get(c.name, 0.0))
-        if c.kind == "option":
+        if c.kind == "option" and c.effect < 0:
             return float(np.log(self.mass_ratio or 1.0))
+        if c.kind == "option":
+            spec = self.effects[c.effect]
+            return float(np.log(EFFECTS[spec.name].free_options(spec.options)[c.name][0]))
         spec = (self.stated if c.kind == "given" else self.effects)[c.effect]
         value = spec.parameters[c.name]
         if c.place is not None:
@@ -276,7 +284,7 @@ class Model:
             if c.kind == "correction":
                 corrections[c.name] = number
             elif c.kind == "option":
-                for option in shared:
+                for option in shared if c.effect < 0 else [options[c.effect]]:
                     option[c.name] = float(np.exp(number))
             elif c.place is not None:
                 values = parameters[c.kind][c.effect]

@@ -9,13 +9,15 @@ the contest came to: both are log p(y | r) of the same samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ffl.diagnose.fit import Fit, Scene, surprise
 from ffl.diagnose.judging import Judged
+from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.search import Outcome, Step
@@ -30,16 +32,21 @@ NONE = 1e-9
 CORNER = 30.0  # Hz
 RATIOS = (0.4, 1.0, 2.5)
 CONTACT = 0.05  # damping ratio of the contact to begin with
-DAMPINGS = (0.002, 1.0)
+SHARES, FREQUENCIES, STICKY = (0.25, 0.5, 0.75), (60.0, 130.0), 0.2  # of a load behind the gap
+STARTS = 3  # forms of the grid that are looked at more closely
+LEAST_SHARE = 0.03  # of the mass: as good as none behind the gap
+LOG_STEP, CONTACT_STEP = 0.01, 0.02  # of a logarithm; of one of the contact's
 GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fit look at
 # Times the force noise: what it is more than stated holds the state to what is seen, as long as the
 # numbers are off, and makes one broad valley of many narrow ones.
 LOOSENESS = (30.0, 10.0, 3.0, 1.0)
+GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides under the loosest
 QUIET = 2  # levels spared where what is left is no louder than stated noise
 ROUNDS = 8
 TRIES = 5  # damped steps of a round
 STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
 MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
+LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
 PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
 UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
@@ -48,44 +55,42 @@ BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model with one backlash in its coupling and the noise; the damping of the contact (option
-    `damping`) is a further number, as logarithm."""
+    """A model with one backlash between two masses, its contact's damping free, and the noise."""
 
     model: Model
     noise: Noise
 
     @classmethod
-    def of(
-        cls, model: Model, gap: float, ratio: float | None, noise: Noise, damping: float = CONTACT
-    ) -> Hypothesis:
-        options = {"kind": "coupling", "damping": damping}
-        options |= {} if ratio is None else {"mass_ratio": ratio}
+    def of(cls, model: Model, gap: float, options: Mapping[str, Any], noise: Noise) -> Hypothesis:
         spec = EffectSpec("backlash", {"gap": float(gap)}, options)
         return cls(replace(model, effects=(spec,)), noise)
 
     @property
     def theta(self) -> Array:
-        return np.append(self.model.theta, np.log(self.model.effects[0].options["damping"]))
+        return self.model.theta.copy()
 
     def at(self, theta: Array) -> Hypothesis:
-        model = self.model.at(theta[:-1])
-        damping = float(np.exp(np.clip(theta[-1], *np.log(DAMPINGS))))
-        (spec,) = model.effects
-        spec = replace(spec, options={**spec.options, "damping": damping})
-        moved = replace(model, effects=(spec,))
-        object.__setattr__(moved, "coordinates", model.coordinates)
-        return replace(self, model=moved)
+        return replace(self, model=self.model.at(theta))
 
     @property
     def steps(self) -> Array:
         """Differences for derivatives: larger than what the moment of a contact jumps by."""
-        steps = [0.01 if c.log else 0.2 * c.scale for c in self.model.coordinates]
+        steps = np.array([
+            (CONTACT_STEP if c.effect >= 0 else LOG_STEP) if c.log else 0.2 * c.scale
+            for c in self.model.coordinates
+        ])  # fmt: skip
         steps[self.gap_at] = 0.01 * max(self.theta[self.gap_at], 1e-5 * self.model.base.travel)
-        return np.append(steps, 0.02)
+        return steps
 
     @property
     def gap_at(self) -> int:
         return [c.name for c in self.model.coordinates].index("gap")
+
+    @property
+    def masses(self) -> list[int]:
+        return [
+            k for k, c in enumerate(self.model.coordinates) if c.key[:2] == ("correction", "mass")
+        ]
 
     def predict(self, trials: Sequence[Trial]) -> tuple[Array, Array] | None:
         """(scaled innovations, logarithms of their scales) of all recordings; None: no such plant."""
@@ -129,10 +134,11 @@ def with_rattling(
     standing = outcome.standing
     left = scene.residuals(standing.model)
     loud = left is None or np.mean(replace(scene, noise=prior).whiten(left) ** 2) > UNEXPLAINED
-    if not loud and standing.model.effects:
+    rigid = len(told.base.simulator.mechanics.modes) == 1
+    if not loud and (standing.model.effects or rigid):
         return outcome
     levels = LOOSENESS if loud else LOOSENESS[QUIET:]
-    begun = start(scene, told, levels[0])
+    begun, levels = start(scene, told, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
     found = settled(begun, scene, levels)
@@ -168,9 +174,7 @@ def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judg
         return None
     own = replace(scene, noise=found.noise)
     columns = _columns(found, scene.trials, seen[0])
-    beside = columns[:, -1:] / max(float(np.linalg.norm(columns[:, -1])), 1e-300)
-    j = columns[:, :-1] - beside @ (beside.T @ columns[:, :-1])  # the contact's damping is free too
-    fit = Fit(found.model, seen[0], j, j, "converged")
+    fit = Fit(found.model, seen[0], columns, columns, "converged")
     loud = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
     white = ahead[0] * max(1.0, loud / BELIEVED)
     return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)
@@ -183,22 +187,51 @@ def partly_coloured(noise: Noise) -> Noise:
     return Noise(sensor, force, sensor, CORNER, force, CORNER)
 
 
-def start(scene: Scene, model: Model, loose: float = LOOSENESS[0]) -> Hypothesis | None:
-    """The best gap and mass ratio of a grid; None where the plant is no two masses on a spring, or
-    none of them foretells better than no gap."""
-    modes = model.base.simulator.mechanics.modes
-    if len(modes) != 2:
-        return None
+def start(
+    scene: Scene, model: Model, levels: Sequence[float] = LOOSENESS, most: int = GRIDS
+) -> tuple[Hypothesis | None, Sequence[float]]:
+    """The best gap, and mass ratio or load, of a grid, with the levels from the one that showed it; of
+    the first `most`. None where the plant is neither rigid nor two masses on a spring, or no gap of
+    the grid foretells better than none."""
     trials = _short(scene, GLANCE)
-    ratios = RATIOS if modes[1].sign < 0 else (None,)
-    travel = model.base.travel
-    noise = _loose(scene.noise, loose)
-    own = modes[1].damping / (2.0 * np.sqrt(modes[1].stiffness))
-    none = Hypothesis.of(model, NONE * travel, ratios[0], noise, own).scaled(trials)[0]
-    tried = [Hypothesis.of(model, gap * travel, r, noise) for gap in GAPS for r in ratios]
-    found = [(h.scaled(trials)[0], h) for h in tried]
-    worth, best = max(found, key=lambda pair: pair[0])
-    return best if worth > none + PROMISES else None
+    forms, travel = _forms(model), model.base.travel
+    for k in range(most if forms else 0):
+        noise = _loose(scene.noise, levels[k])
+        none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
+        found = []
+        for form in forms[1:]:
+            tried = [Hypothesis.of(model, g * travel, form, noise) for g in GAPS]
+            found.append(max(((h.worth(trials), h) for h in tried), key=lambda pair: pair[0]))
+        found.sort(key=lambda pair: -pair[0])
+        if found[0][0] > none + PROMISES:
+            if len(model.base.simulator.mechanics.modes) == 2:
+                return found[0][1], levels[k:]
+            moved = [_moved(h, trials) for _, h in found[:STARTS]]
+            return max(moved, key=lambda h: h.worth(trials)), levels[k:]
+    return None, levels
+
+
+def _forms(model: Model) -> list[dict[str, Any]]:
+    """Options of the backlash: first those of no play, as the plant file has the plant, then the
+    forms that are tried. A rigid plant has a part of its mass behind the gap."""
+    modes = model.base.simulator.mechanics.modes
+    if len(modes) == 2:
+        ratios = RATIOS if modes[1].sign < 0 else (None,)
+        own = modes[1].damping / (2.0 * np.sqrt(modes[1].stiffness))
+        tried = [{"kind": "coupling", "damping": CONTACT, "mass_ratio": r} for r in ratios]
+        forms = [{**tried[0], "damping": own}, *tried]
+        return [{k: v for k, v in form.items() if v is not None} for form in forms]
+    if len(modes) != 1 or model.base.is_process or modes[0].stiffness > BOUND**2:
+        return []
+    shared = {"kind": "load", "damping": STICKY}
+    tried = [
+        {**shared, "measured": "motor", "load_fraction": share, "frequency": frequency}
+        for share in SHARES for frequency in FREQUENCIES
+    ]  # fmt: skip
+    tried += [
+        {**form, "measured": "load"} for form in tried if form["frequency"] == FREQUENCIES[-1]
+    ]
+    return [{**tried[0], "load_fraction": LEAST_SHARE}, *tried]
 
 
 def _loose(noise: Noise, factor: float) -> Noise:
@@ -220,6 +253,7 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
         value = last.worth(scene.trials)
         if value > most:
             best, most = last, value
+    best = _moved(_fitted(best, scene.trials), scene.trials, LAST, mass=True)
     return _fitted(best, scene.trials)
 
 
@@ -238,7 +272,7 @@ def _columns(point: Hypothesis, trials: Sequence[Trial], white: Array) -> Array:
 
 def _fitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
     """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left."""
-    doubts = np.append([c.doubt for c in point.model.coordinates], np.inf)
+    doubts = np.array([c.doubt for c in point.model.coordinates])
     damping, worth = 1e-2, point.worth(trials)
     for _ in range(ROUNDS):
         found = point.predict(trials)
@@ -264,12 +298,20 @@ def _fitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
     return point
 
 
-def _moved(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
-    """Gap, mass ratio and damping moved one by one as long as it helps: where the load is out of sight
-    within the gap, the moments of contact jump with every number, and derivatives say little."""
+def _moved(
+    point: Hypothesis,
+    trials: Sequence[Trial],
+    sizes: Sequence[float] = MOVES,
+    *,
+    mass: bool = False,
+) -> Hypothesis:
+    """Gap and what else the play has, and the mass, moved one by one as long as it helps: where the
+    load is out of sight within the gap, the moments of contact jump with every number, and
+    derivatives say little."""
     worth = point.worth(trials)
-    for size in MOVES:
-        for k in [*range(point.gap_at, len(point.theta))]:
+    moving = [*(point.masses if mass else ()), *range(point.gap_at, len(point.theta))]
+    for size in sizes:
+        for k in moving:
             for sign in (1.0, -1.0):
                 for _ in range(TRIES):
                     theta = point.theta

@@ -211,15 +211,18 @@ class Screen:
 
     # --- motion ----------------------------------------------------------------------------------
 
-    def motions(self, place: Place) -> list[Motion]:
-        """Simulated motion at the place; forces are held over a sample, so theirs is mid-sample."""
+    def motions(self, place: Place, recorded: bool = False) -> list[Motion]:
+        """Simulated motion at the place; forces are held over a sample, so theirs is mid-sample.
+        `recorded`: in places where y was and not the simulation, since a period counts from there."""
         side = place.side if place.port in ("force", "flow") else "sensor"
-        key = (f"{place.port == 'force'}{side}", place.mass_ratio)
+        recorded = recorded and place.port == "force"
+        key = (f"{place.port == 'force'}{recorded}{side}", place.mass_ratio)
         if key not in self._motions:
-            self._motions[key] = [self._motion(trial, place) for trial in self.scene.trials]
+            trials = self.scene.trials
+            self._motions[key] = [self._motion(trial, place, recorded) for trial in trials]
         return self._motions[key]
 
-    def _motion(self, trial: Trial, place: Place) -> Motion:
+    def _motion(self, trial: Trial, place: Place, recorded: bool) -> Motion:
         key = (place.side if place.port in ("force", "flow") else "sensor", place.mass_ratio)
         run = self.model.simulate(trial, watch=[key])
         motion = run.motion(*key)
@@ -227,7 +230,8 @@ class Screen:
             return replace(motion, x=run.y)  # a sensor of speed acts on the speed
         if place.port != "force":
             return motion
-        return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))
+        x = motion.x + (trial.y - run.y) if recorded else motion.x
+        return replace(motion, x=_middle(x), v=_middle(motion.v), a=_middle(motion.a))
 
     # --- judging ---------------------------------------------------------------------------------
 
@@ -290,7 +294,7 @@ class Screen:
         """The best of the effect's grid at this place."""
         from ffl.diagnose.scan import periods
 
-        motions = self.motions(place)
+        motions = self.motions(place, effect.scan == "position")
         if effect.scan:
             grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
         else:

@@ -112,12 +112,13 @@ def contest(
             )
         error = raw_error(held, base.model)
         if steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
-            # What came in last does not hold up on the held-out recordings once all is refitted.
-            say(
-                f"  turned down again: held-out error {np.sqrt(error / last_error):.2f} times as large"
-            )
-            steps[-1] = replace(steps[-1], accepted=None)
-            return Outcome(steps[-1].before, steps, held, last_contenders)
+            now, then = levelled([base, steps[-1].before])
+            if now.held_out < then.held_out:
+                # What came in last does not hold up on the held-out recordings once all is refitted.
+                times = np.sqrt(error / last_error)
+                say(f"  turned down again: held-out error {times:.2f} times as large")
+                steps[-1] = replace(steps[-1], accepted=None)
+                return Outcome(steps[-1].before, steps, held, last_contenders)
         last_error = error
         if len(steps) == most:
             return Outcome(base, steps, held, contenders)

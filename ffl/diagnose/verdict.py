@@ -29,7 +29,8 @@ def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, wher
         names = [EFFECTS[e.name] for e in effects]
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on)
-        if contest.verdict == "named" and (coloured(standing) or bent(standing)):
+        short = coloured(standing) or bent(standing) or loudness(plant, standing) > LOUD
+        if contest.verdict == "named" and short:
             return "partly_explained", _left(standing, names[0].component, said, depends)
         if contest.verdict == "named":
             place = where.Place(names[0].component, said, tuple(depends))

@@ -117,6 +117,7 @@ def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
 
 
 LOAD = {"load_fraction": 0.3, "frequency": 150.0, "damping": 0.2}
+RANGE = {"load_fraction": (0.03, 0.95), "frequency": (5.0, 2000.0), "damping": (0.002, 2.0)}
 KINDS = ("play", "coupling", "load")
 
 
@@ -194,6 +195,12 @@ class Backlash(Effect):
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[1] if len(packed) > 1 else 0.0
+
+    def free_options(self, options):  # type: ignore[no-untyped-def]
+        values = {name: options[name] for name in RANGE if name in options}
+        if options.get("kind") == "load":
+            values = {**LOAD, **values}
+        return {name: (float(value), *RANGE[name]) for name, value in values.items()}
 
     def forms(self, flexible: bool) -> list[dict[str, Any]]:
         if flexible:

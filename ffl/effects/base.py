@@ -215,6 +215,10 @@ class Effect:
             )
         return float(value)
 
+    def free_options(self, options: Mapping[str, Any]) -> dict[str, tuple[float, float, float]]:
+        """Positive numbers among `options` that a fit may move: value, least, most."""
+        return {}
+
     # --- simulation ------------------------------------------------------------------------------
 
     def port_in(self, setting: Setting) -> str:

@@ -246,8 +246,11 @@ class Mechanics:
         """`factor` times the mass in every mode: each force moves less, damping and spring of the first
         mode stay what they are as forces, and the other modes keep their frequency and damping."""
         gain, same, first = 1.0 / factor, np.eye(self.order), self.modes[0]
+        force = first.force / first.residue
         row = first.damping * first.velocity + first.stiffness * first.position
-        a = self.a - (gain - 1.0) * np.outer(first.force / first.residue, row)
+        if self.push is not None and self.pull is not None:
+            force, row = self.push @ force, row @ self.pull
+        a = self.a - (gain - 1.0) * np.outer(force, row)
         fast = StateSpace(
             self.fast.a, self.fast.b, gain * self.fast.c, gain * self.fast.d, self.sample_time
         )

@@ -8,6 +8,7 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
+from ffl.diagnose.line import renamed
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.rattling import Hypothesis, partly_coloured, settled, start
@@ -35,6 +36,18 @@ def plant():
         Physics(14.7, 36.4),
         Imperfections(1e-7, 1e-6, 0.01, None),
     )
+
+
+@pytest.fixture(scope="module")
+def rigid():
+    """5 kg and a lead with 15 Hz bandwidth."""
+    zero, pole = np.exp(-2 * np.pi * 5.0 * STEP), np.exp(-2 * np.pi * 45.0 * STEP)
+    lead = Zpk(np.array([zero]), np.array([pole]), 1.0, STEP)
+    gain = 5.0 * (2 * np.pi * 15.0) ** 2 / abs(lead.response([15.0])[0])
+    system = Zpk(np.array([-1.0]), np.array([1.0, 1.0]), STEP**2 / 10.0, STEP)
+    controller = Controller.of_error(replace(lead, gain=gain))
+    machine = Imperfections(1e-7, 1e-6, 0.01, None)
+    return Plant("stage", system, controller, "N", "m", "for tests", Physics(5.0, 1.0), machine)
 
 
 def path(*signs):
@@ -70,7 +83,8 @@ def test_without_a_gap_it_predicts_what_whitening_leaves(plant):
     scene, model = scene_of(plant, records(plant))
     mode = model.base.simulator.mechanics.modes[1]
     own = mode.damping / (2.0 * np.sqrt(mode.stiffness))
-    without = Hypothesis.of(model, 1e-12, 0.7, NOISE, own)
+    form = {"kind": "coupling", "mass_ratio": 0.7, "damping": own}
+    without = Hypothesis.of(model, 1e-12, form, NOISE)
     white, logs = without.predict(scene.trials)
     free = scene.whiten(scene.residuals(model))
     assert np.mean((white - free)[500:] ** 2) < 3e-3
@@ -91,9 +105,9 @@ def test_two_free_runs_of_one_rattling_machine_part_and_their_predictions_do_not
 
 def test_the_play_is_found_by_prediction(plant, rattling):
     scene, model = scene_of(plant, rattling)
-    begun = start(scene, model)
+    begun, levels = start(scene, model)
     assert begun is not None
-    (spec,) = settled(begun, scene).model.effects
+    (spec,) = settled(begun, scene, levels).model.effects
     assert spec.parameters["gap"] == pytest.approx(GAP, rel=0.1)
     assert spec.options["damping"] == pytest.approx(0.04, rel=0.1)
 
@@ -103,10 +117,10 @@ def test_the_play_is_found_by_prediction(plant, rattling):
 )
 def test_neither_noise_nor_friction_is_foretold_better_by_a_play(plant, effects):
     scene, model = scene_of(plant, records(replace(plant, effects=effects)))
-    begun = start(scene, model)
+    begun, levels = start(scene, model)
     if begun is not None:
         nothing = judge(scene, None, model, rounds=6)
-        assert settled(begun, scene).scaled(scene.trials)[0] < nothing.fitted + 10.0
+        assert settled(begun, scene, levels).scaled(scene.trials)[0] < nothing.fitted + 10.0
 
 
 def test_a_rattling_loop_is_diagnosed(plant, rattling):
@@ -116,6 +130,33 @@ def test_a_rattling_loop_is_diagnosed(plant, rattling):
     assert effect["name"] == "backlash"
     assert effect["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.1)
     assert any("rattles" in note for note in found["notes"])
+
+
+LOAD = {"kind": "load", "load_fraction": 0.5, "frequency": 120.0, "damping": 0.2}
+
+
+def test_a_load_behind_a_play_in_a_stage_that_the_model_has_as_rigid(rigid):
+    """How much of the mass is behind the gap, and on what contact, is found with the gap."""
+    spec = EffectSpec("backlash", {"gap": GAP}, LOAD)
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(spec,))))
+    begun, levels = start(scene, model)
+    assert begun is not None
+    (found,) = settled(begun, scene, levels).model.effects
+    assert found.parameters["gap"] == pytest.approx(GAP, rel=0.1)
+    assert found.options["load_fraction"] == pytest.approx(0.5, rel=0.1)
+    assert found.options["frequency"] == pytest.approx(120.0, rel=0.1)
+
+
+def test_a_mass_beyond_the_line_is_the_same_number_under_its_other_name(rigid):
+    scene, model = scene_of(rigid, records(rigid))
+    worn = replace(model, corrections={"mass": 0.08, "damping": 0.01})
+    judged = judge(scene, None, worn.with_effect(EffectSpec("backlash", {"gap": GAP}, LOAD)), 0)
+    named = renamed(judged).model
+    assert named.names == ("backlash", "mass_change")
+    np.testing.assert_allclose(
+        named.simulate(scene.trials[0]).y, judged.model.simulate(scene.trials[0]).y, atol=1e-9
+    )
+    assert [c.key[1] for c in named.coordinates if c.kind == "effect"] == ["gap", "change"]
 
 
 def test_noise_partly_coloured_is_as_loud_as_it_was():
