@@ -20,6 +20,7 @@ from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
+ALMOST = 0.999  # of the line: within it, whatever rounding does
 LINE = 0.02  # relative mass; share of the RMS force on the plant
 TENTH = {
     "input_delay": "delay",
@@ -60,6 +61,14 @@ def sizes(scene: Scene, model: Model) -> dict[str, float]:
 def crosses(scene: Scene, model: Model) -> bool:
     """A correction is beyond the line: an effect by another name."""
     return any(size > LINE for size in map(abs, sizes(scene, model).values()))
+
+
+def on_the_line(held: Scene | None, judged: Judged) -> Judged:
+    """`judged` with every correction beyond the line held on it: what its effects say by themselves."""
+    for name, size in sizes(judged.scene, judged.model).items():
+        if abs(size) > LINE and name not in judged.model.held:
+            judged = _within(held, judged, name, ALMOST * LINE / abs(size))
+    return judged
 
 
 def _effect_values(model: Model, name: str) -> dict[str, float]:

@@ -35,7 +35,7 @@ from ffl.diagnose.judging import (
     raw_residuals,
 )
 from ffl.diagnose.ladders import SWINGS, overlooked, with_best_start
-from ffl.diagnose.line import crosses
+from ffl.diagnose.line import crosses, on_the_line
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -51,6 +51,7 @@ SUBSTITUTE = 3.0  # score by which a sibling must be better
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
+CLAIMANTS = 4  # effects that are held against a correction beyond the line
 NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
 
 
@@ -159,8 +160,11 @@ def contest(
             worthy = louder_than_noise(base, worthy)
         if not worthy and not base.model.effects and crosses(quiet, base.model):
             # What stands is no longer nominal: it claims an effect too, and must be the better one.
-            worthy = [r for r in rivals if r.score > base.score + SUBSTITUTE]
-            worthy = [r for r in worthy if not crosses(quiet, r.model)]
+            worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
+            worthy = [on_the_line(held, r) for r in worthy]
+            base, *worthy = levelled([base, *worthy])
+            worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
+            worthy.sort(key=lambda r: -r.score)
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
