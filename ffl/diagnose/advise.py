@@ -23,7 +23,7 @@ from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.freemodel import FreeModel
 from ffl.diagnose.model import Model
 from ffl.diagnose.posterior import probabilities
-from ffl.diagnose.search import Outcome
+from ffl.diagnose.rounds import Outcome
 from ffl.diagnose.trials import Trial, rest_under
 from ffl.diagnose.unnamed import Contest
 from ffl.diagnose.whitening import Whitener

@@ -21,7 +21,7 @@ from ffl.diagnose.picture import MapPicture, picture
 from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.prove import prove, run_plant, with_map
 from ffl.diagnose.result import Diagnosis, Finding, Number
-from ffl.diagnose.search import Outcome, Step
+from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.unnamed import Contest, compare
 from ffl.diagnose.verdict import verdict

@@ -25,7 +25,7 @@ from ffl.diagnose.judging import raw_error
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.screen import Candidate, Place, Screen, places_of
-from ffl.diagnose.search import DRY
+from ffl.diagnose.settle import DRY
 from ffl.diagnose.simulated_scan import cogging_of
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.whitening import Whitener

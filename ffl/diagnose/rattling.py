@@ -20,7 +20,7 @@ from ffl.diagnose.judging import Judged
 from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise
-from ffl.diagnose.search import Outcome, Step
+from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.switching import Switching
 from ffl.diagnose.trials import Trial
 from ffl.errors import InputError

@@ -12,7 +12,7 @@ from ffl.diagnose.advise import Experiment
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.picture import MapPicture
 from ffl.diagnose.prove import Proof
-from ffl.diagnose.search import Step
+from ffl.diagnose.rounds import Step
 from ffl.diagnose.sound import Soundness
 from ffl.diagnose.unnamed import Contest
 from ffl.diagnose.where import Forces, Map, Place

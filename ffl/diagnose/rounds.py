@@ -1,0 +1,30 @@
+"""What the contest went through, round by round, and where it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.judging import Judged
+from ffl.diagnose.screen import Candidate
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round of the contest: what stood, who challenged it, what they reached."""
+
+    before: Judged
+    screened: tuple[Candidate, ...]
+    rivals: tuple[Judged, ...]
+    accepted: Judged | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What stands at the end, all rounds, the held-out recordings with their starts, and for each
+    effect by name every hypothesis that was fitted in its place beside the others, its own included."""
+
+    standing: Judged
+    steps: list[Step]
+    held: Scene | None
+    contenders: dict[str, list[tuple[str, Judged]]]

@@ -1,0 +1,175 @@
+"""What stands is put to the test again: every effect beside the others, against its rivals in that
+company, backward elimination and substitution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.friction_table import refined
+from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, earns, judge, levelled
+from ffl.diagnose.ladders import with_best_start
+from ffl.diagnose.model import Model
+from ffl.diagnose.parallel import each
+from ffl.diagnose.rounds import Step
+from ffl.diagnose.screen import Candidate, Screen
+from ffl.effects import EFFECTS
+
+KEEP = 20.0  # score an effect must be worth beside all others
+SUBSTITUTE = 3.0  # score by which a sibling must be better
+HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
+CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
+
+DRY = frozenset(  # forms of one and the same friction: rivals, never company
+    {
+        "coulomb_friction",
+        "asymmetric_friction",
+        "stribeck_friction",
+        "presliding_friction",
+        "hysteresis",
+        "position_dependent_friction",
+    }
+)
+
+
+TIMED = {"periodic_disturbance", "drift"}
+
+# So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
+# no plain one earns more, and only where plain dry friction, their mean, has earned its place.
+PLIABLE = frozenset({"position_dependent_friction"})
+
+
+def excluded(model: Model) -> set[str]:
+    """Effects that cannot be added: those there, and other forms of the dry friction there."""
+    names = {spec.name for spec in model.acting}
+    return names | (DRY if names & DRY else set())
+
+
+def settle(
+    quiet: Scene,
+    held: Scene | None,
+    judged: Judged,
+    steps: Sequence[Step],
+    reserve: frozenset[str],
+    say: Callable[[str], None],
+    tried_before: Mapping[str, list[tuple[str, Judged]]],
+) -> tuple[Judged, dict[str, list[tuple[str, Judged]]]]:
+    """Backward elimination and substitution: every effect must earn its place beside the others, and
+    against its rivals in that company; these are returned with what they reached. Of rivals that
+    have been `tried_before` in this company only those are tried that had no leave to come in."""
+    current = judged
+    contenders: dict[str, list[tuple[str, Judged]]] = {}
+    for name in judged.model.names:
+        if name not in current.model.names or name in current.model.proven:
+            continue
+        if current.fit.status == "rounds":
+            current = judge(quiet, held, current.model, 10, current.fit)
+        index = current.model.names.index(name)
+        without = judge(quiet, held, current.model.without(index), 6, current.fit)
+        current, without = levelled([current, without])
+        say(f"  without {name}: {without.score - current.score:+.1f}")
+        if without.score > current.score - KEEP and len(current.model.effects) > 1:
+            current = without
+            continue
+        before = sorted(tried_before.get(name, ()), key=lambda pair: -pair[1].score)
+        if before and abs(before[0][1].fitted - current.fitted) > SUBSTITUTE:
+            before = []  # the company has changed since
+        others = [(name, current), *before[1:]]
+        only = PLIABLE if before else None
+        trial = partial(_reached, quiet, held, current, without)
+        for rival, other, lines in each(
+            trial, challengers(quiet, current, index, steps, reserve, only)
+        ):
+            others.append((rival, other))
+            for line in lines:
+                say(line)
+        names, tried = zip(*others, strict=True)
+        *tried, alone = levelled([*tried, without])
+        others = list(zip(names, tried, strict=True))
+        current = others[0][1]
+        for rival, other in others[1:]:
+            say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
+        share = SHARE * len(current.fit.white)  # the pliable must say more, not fit a little better
+        worthy = [
+            (rival, other)
+            for rival, other in others[1:]
+            if earns(other, alone, 0.0)
+            and (rival not in PLIABLE or name in PLIABLE or other.score > current.score + share)
+        ]
+        best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
+        fewer = [p for p in worthy if _plainer(p[1], current)]
+        simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
+        if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
+            best_name, current = simpler
+        elif best.score > current.score + SUBSTITUTE:
+            current = best
+        else:
+            best_name = name
+        contenders[best_name] = others
+    return current, contenders
+
+
+def _reached(
+    quiet: Scene, held: Scene | None, current: Judged, without: Judged, c: Candidate
+) -> tuple[str, Judged, list[str]]:
+    """What a challenger reaches in the place of the effect that `current` has and `without` has not:
+    its name, its fit and what there is to say of it."""
+    lines: list[str] = []
+    start = with_best_start(quiet, c.like, c.spec)
+    other = judge(quiet, held, start, 4, c.like)
+    least = current.score - HOPELESS * (current.score - without.score)
+    if other.score > least:
+        other = judge(quiet, held, other.model, 8, other.fit)
+        coarse, plain = levelled([other, current])
+        if coarse.score > (plain.score if c.spec.name in PLIABLE else least):
+            other = refined(quiet, held, other, lines.append)
+    return c.spec.name, other, lines
+
+
+def _plainer(rival: Judged, current: Judged) -> bool:
+    """Fewer numbers, where the data do not see the further ones."""
+    fewer = len(rival.model.coordinates) < len(current.model.coordinates)
+    return fewer and rival.freedom >= current.freedom
+
+
+def challengers(
+    quiet: Scene,
+    current: Judged,
+    index: int,
+    steps: Sequence[Step],
+    reserve: frozenset[str],
+    only: frozenset[str] | None = None,
+) -> list[Candidate]:
+    """Who is fitted in the place of effect `index`, from where the linear model stands beside it: its
+    siblings and the best of the round it won, each at the point that promises most and at its own;
+    of these `only` the ones so named."""
+    spec = current.model.effects[index]
+    names = list(EFFECTS[spec.name].siblings)
+    if spec.name in DRY:  # whichever form came in first, the table is another of the same force
+        names += PLIABLE
+    for step in steps:
+        if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
+            names += [r.model.names[-1] for r in step.rivals[:4]]
+    company = current.model.without(index)
+    taken = excluded(company) | reserve
+    wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]
+    if only is not None:
+        wanted = [n for n in wanted if n in only]
+        if not wanted:
+            return []
+    found = Screen(quiet, fit(quiet, company, rounds=0)).candidates([*wanted, spec.name])
+    found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
+    side = spec.options.get("side", "sensor")
+    top = max((c.gain for c in found), default=0.0)
+    chosen, others = [], []
+    seen: set[str] = set()
+    for c in found:
+        own = c.spec.options.get("side", "sensor") == side
+        if c.spec.name == spec.name:
+            if not own and only is None:
+                others.append(c)
+        elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
+            (others if c.spec.name in seen else chosen).append(c)
+            seen.add(c.spec.name)
+    return [*chosen, *others][:CHALLENGERS]
