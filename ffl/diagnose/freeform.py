@@ -31,7 +31,7 @@ from ffl.diagnose.judging import CLEANER, PASSES, QUIET, effective
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
-from ffl.diagnose.screen import Place, places_of
+from ffl.diagnose.places import Place, places_of
 from ffl.diagnose.terms import TERMS, Term, ranges_of
 from ffl.systems.state_space import Array
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import Place, Screen
+from ffl.diagnose.places import Place
+from ffl.diagnose.screen import Screen
 from ffl.diagnose.terms import Ranges, Term
 from ffl.diagnose.trials import Trial, start_of
 from ffl.diagnose.triangle import triangle

@@ -29,6 +29,7 @@ BINS = 4096  # frequencies over which noise is summed up
 CONFIRMED = 4.0  # log-likelihood that held-out recordings must gain from a first effect, else
 UNCONFIRMED = 60.0  # the score that it must bring
 LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
+OPEN = 4.0  # log-likelihood of the fitted recordings by which corrections are as good as others
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 
 
@@ -103,6 +104,25 @@ def judge(
     own = scene.with_noise_of(residuals)
     white = own.whiten(residuals)
     return Judged(first, own, own.log_likelihood(white), *held_out(held, scene, first), held)
+
+
+def granted(base: Judged, rival: Judged, quiet: Scene) -> Judged:
+    """`base` as the corrections of `rival` have it without its last effect, where the fitted
+    recordings leave these open and the held-out ones prefer them: what they gain there is not the
+    effect's. (A null: the damping of a mode that only the judging multisine excites, 205 nats.)"""
+    plain = rival.model.without(len(rival.model.effects) - 1)
+    if base.held is None or plain.names != base.model.names:
+        return base
+    left = quiet.residuals(plain)
+    if left is None:
+        return base
+    white, before = quiet.whiten(left), quiet.whiten(raw_residuals(quiet, base.model))
+    if 0.5 * quiet.worth * float(white @ white - before @ before) > OPEN:
+        return base
+    worth, held_white = held_out(base.held, quiet, replace(base.fit, model=plain))
+    other = replace(base, held_out=worth, held_white=held_white)
+    level, own = levelled([other, base])
+    return other if level.held_out > own.held_out else base
 
 
 def raw_residuals(scene: Scene, model: Model) -> list[Array]:

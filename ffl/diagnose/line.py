@@ -15,7 +15,7 @@ from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled, raw_residuals
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import Place, places_of
+from ffl.diagnose.places import Place, places_of
 from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost

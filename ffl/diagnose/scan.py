@@ -14,7 +14,8 @@ from ffl.effects import Effect, Motion
 from ffl.systems.state_space import Array
 
 if TYPE_CHECKING:
-    from ffl.diagnose.screen import Place, Screen
+    from ffl.diagnose.places import Place
+from ffl.diagnose.screen import Screen
 
 PASSES = 2.0  # of a sine within the recording: of fewer nothing is seen to repeat
 PLACES = 1.0  # the same within the travel

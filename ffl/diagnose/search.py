@@ -26,6 +26,7 @@ from ffl.diagnose.judging import (
     QUIET,
     Judged,
     earns,
+    granted,
     judge,
     levelled,
     noise_error,
@@ -130,6 +131,7 @@ def contest(
         base, *rivals = levelled([base, *rivals])
         rivals.sort(key=lambda j: -j.score)
         worthy = [r for r in rivals if earns(r, base, threshold)]
+        worthy = [r for r in worthy if earns(r, granted(base, r, quiet), threshold)]
         if worthy and base.model.effects and not (scene.plain or scene.observed):
             worthy = louder_than_noise(base, worthy)
         if not worthy and not base.model.effects and crosses(quiet, base.model):

@@ -7,7 +7,7 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.model import Base, Model
-from ffl.diagnose.screen import flow_places
+from ffl.diagnose.places import flow_places
 from ffl.effects import EFFECTS
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Physics, Plant

@@ -1,0 +1,72 @@
+"""Where an effect may act on a plant: the distinct points of its mechanics, the stages of a process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffl.diagnose.model import Model
+from ffl.effects import EFFECTS, Effect
+from ffl.effects.cascade import BETWEEN, OUT, lags
+from ffl.systems.state_space import Array
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect acts: port, and for forces the point of the mechanics."""
+
+    port: str
+    side: str = "sensor"
+    mass_ratio: float | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        if self.side != "sensor":
+            out["side"] = self.side
+        if self.mass_ratio is not None:
+            out["mass_ratio"] = self.mass_ratio
+        return out
+
+
+def places_of(model: Model) -> list[Place]:
+    """The distinct points at which forces may act on this plant."""
+    mechanics = model.simulator.mechanics
+    if len(mechanics.modes) < 2:
+        return [Place("force")]
+    opposite = any(mode.sign < 0 for mode in mechanics.modes)
+    ratio = (model.mass_ratio or 1.0) if opposite else None
+    out = [Place("force", "motor", ratio), Place("force", "load", ratio)]
+    if opposite:
+        out.append(Place("force", "sensor", ratio))
+        if len(mechanics.modes) > 2:  # moving equally far in every mode: no one ratio says it
+            out.append(Place("force", "motor"))
+    kept: list[Place] = []
+    shapes: list[Array] = []
+    for place in out:
+        point = mechanics.point(place.side, place.mass_ratio)
+        if not point.mobility > 0:
+            continue
+        shape = np.concatenate([point.force / np.abs(point.force).max(), point.position])
+        if all(np.abs(shape - other).max() > 1e-6 for other in shapes):
+            kept.append(place)
+            shapes.append(shape)
+    return kept
+
+
+def flow_places(model: Model, effect: Effect) -> list[Place]:
+    """The stages of a plant that is a row of real lags and drives no known mass: either lag may be
+    the upper stage, and is for all effects alike. What overflows or empties is a tank for all of them."""
+    count = len(lags(model.base.simulator.mechanics))
+    if count < effect.stages or not model.base.is_process:
+        return []
+    if count == 1:
+        return [Place("flow", OUT[0])]
+    known = {str(e.options.get("side", "")) for e in model.acting if EFFECTS[e.name].port == "flow"}
+    upper = {side.removeprefix("after_") for side in known}
+    sides = [s for s in effect.sides if not upper or s.removeprefix("after_") in upper]
+    if known & set(BETWEEN):  # the upper stage is a tank as well as the lower one
+        sides = [s for s in sides if s in BETWEEN] or sides
+    return [Place("flow", side) for side in sides]
