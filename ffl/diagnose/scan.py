@@ -98,10 +98,9 @@ def _over_position(motions: list[Motion], forces: list[Array], power: _Power, fe
     levels = np.quantile(speed, np.linspace(0.01, 0.99, 40))
     turn = np.exp(2j * np.pi * joined_x * (numbers[1] - numbers[0] if len(numbers) > 1 else 0.0))
     wave = np.exp(2j * np.pi * joined_x * numbers[0]) * force
+    norms = power(np.outer(numbers, levels)).mean(axis=1)
     score = np.empty(len(numbers))
-    for k, number in enumerate(numbers):
-        norm = 0.5 * len(force) * float(np.mean(power(levels * number)))
+    for k, norm in enumerate(0.5 * len(force) * norms):
         score[k] = abs(wave.sum()) ** 2 / max(norm, 1e-300)
-        wave = wave * turn
-    norms = np.array([np.mean(power(levels * k)) for k in numbers])
+        wave *= turn
     return numbers, score * np.minimum(1.0, norms / (FLOOR * norms.max()))
