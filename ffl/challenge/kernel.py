@@ -104,14 +104,18 @@ def _element_force(row, z, x, dx, v, t, h, command):
     """Force of one smooth element on its port; advances its state by one step."""
     code = int(row[0])
     if code == SLIP:
-        force = -row[2] * v
-        j = 0
+        # Damped is what gives way, not what slides: the mean deflection's rate.
+        force, sticking, whole, j = 0.0, 0.0, 0.0, 0
         while j < N_STATES and row[3 + 2 * j] > 0.0:
             limit = row[4 + 2 * j]
-            z[j] = min(max(z[j] + dx, -limit), limit)
+            free = z[j] + dx
+            z[j] = min(max(free, -limit), limit)
+            whole += row[3 + 2 * j]
+            if z[j] == free:
+                sticking += row[3 + 2 * j]
             force -= row[3 + 2 * j] * z[j]
             j += 1
-        return force
+        return force - row[2] * v * sticking / whole
     if code == BOUC_WEN:
         step = dx / row[3]
         middle = z[0]

@@ -21,8 +21,7 @@ from ffl.systems.plant import EffectSpec
 
 # Share of the effect's trace that may be left; measured values are at most half of it.
 LEFT = {
-    # The challenge's damper brakes what slides as well, as a viscous friction does; without it 0.004.
-    "presliding_friction": 0.16,
+    "presliding_friction": 0.01,
     "flexible_mode": 0.02,
     "encoder_ripple": 0.03,
     "backlash": 0.01,
