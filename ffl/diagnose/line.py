@@ -125,7 +125,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 best = tried
         if best is not None and _misfit(current, best) < LOSS * _misfit(current, current):
             current = best
-    return _preloaded(_netted(held, current))
+    return _preloaded(_evened(held, _netted(held, current)))
 
 
 def renamed(judged: Judged) -> Judged:
@@ -202,6 +202,24 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     spring = replace(model.without(index), corrections=corrections, held=model.held | {"stiffness"})
     spec = EffectSpec("linear_stiffness", values, load.options)
     tried = judge(judged.scene, held, spring.with_effect(spec), 8)
+    judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
+    return tried if tried.score > judged.score - TIE else judged
+
+
+def _evened(held: Scene | None, judged: Judged) -> Judged:
+    """Friction that differs by direction beside a spring with a centre is even friction about another
+    centre: half the difference is a constant force, and so is a move of the centre."""
+    model = judged.model
+    if not {"asymmetric_friction", "linear_stiffness"} <= set(model.names):
+        return judged
+    at, spring = (model.names.index(n) for n in ("asymmetric_friction", "linear_stiffness"))
+    dry, values = model.effects[at], dict(model.effects[spring].parameters)
+    up, down = (float(dry.parameters[f"level_{way}"]) for way in ("positive", "negative"))
+    values["centre"] -= 0.5 * (up - down) / values["stiffness"]
+    even = EffectSpec("coulomb_friction", {"level": 0.5 * (up + down)}, dry.options)
+    effects = tuple(even if k == at else e for k, e in enumerate(model.effects))
+    plainer = replace(model, effects=effects).with_parameters(spring, values)
+    tried = judge(judged.scene, held, plainer, 8)
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     return tried if tried.score > judged.score - TIE else judged
 

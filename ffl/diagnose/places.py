@@ -37,12 +37,16 @@ def places_of(model: Model) -> list[Place]:
     if len(mechanics.modes) < 2:
         return [Place("force")]
     opposite = any(mode.sign < 0 for mode in mechanics.modes)
-    ratio = (model.mass_ratio or 1.0) if opposite else None
-    out = [Place("force", "motor", ratio), Place("force", "load", ratio)]
+    several = len(mechanics.modes) > 2
+    ratio = (model.mass_ratio or 1.0) if opposite or several else None
     if opposite:
-        out.append(Place("force", "sensor", ratio))
-        if len(mechanics.modes) > 2:  # moving equally far in every mode: no one ratio says it
+        out = [Place("force", side, ratio) for side in ("motor", "load", "sensor")]
+        if several:  # moving equally far in every mode: no one ratio says it
             out.append(Place("force", "motor"))
+    else:
+        out = [Place("force", "motor"), Place("force", "load")]
+        if several:  # measured in step with the drive in every mode, and yet elsewhere
+            out += [Place("force", "motor", ratio), Place("force", "sensor", ratio)]
     kept: list[Place] = []
     shapes: list[Array] = []
     for place in out:
