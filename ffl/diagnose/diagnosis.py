@@ -76,7 +76,8 @@ def diagnose(
         model = with_observer(model, decay)
         recordings, validation = led(moving(recordings)), led(moving(validation))
         everything = [*recordings, *validation]
-    base = Base.of(model, max(float(np.ptp(r.y)) for r in everything))
+    travel = max(float(np.ptp(r.y)) for r in everything)
+    base = Base.of(model, travel, max(float(np.abs(r.t).max()) for r in everything))
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = blocks(recordings)
@@ -104,7 +105,7 @@ def diagnose(
     if looks_folded(model, recordings) and (other := unfolded(model, short, short_held)):
         say("the output turns back at zero: the linear part is learned through a sign-blind sensor")
         folded, folded_held = folded_scenes(other, scene, short, short_held)
-        anew = Model(Base.of(other, base.travel), effects=(RECTIFIED,))
+        anew = Model(Base.of(other, base.travel, base.until), effects=(RECTIFIED,))
         if raw_error(folded_held, anew) < FOLD * raw_error(held, nominal):
             scene, held, told = weighed(folded, anew), folded_held, anew
             notes.append(

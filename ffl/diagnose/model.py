@@ -40,6 +40,7 @@ MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
 STEP = 2e-3  # of a coordinate's scale: difference step; stick-slip makes smaller ones noisy
 LOG_STEP = 4e-3
+TURN = 0.05  # rad: by which a difference step of a period or a frequency may move the last wave
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class Coordinate:
     upper: float = np.inf
     log: bool = False
     doubt: float = np.inf  # standard deviation of what is believed of it, about zero
+    finest: float = np.inf  # most that a difference step may be
 
     @property
     def key(self) -> tuple[str, str, int, tuple[str, int] | None]:
@@ -68,7 +70,7 @@ class Coordinate:
 
     @property
     def step(self) -> float:
-        return LOG_STEP if self.log else STEP * self.scale
+        return min(LOG_STEP if self.log else STEP * self.scale, self.finest)
 
 
 @dataclass(frozen=True)
@@ -79,11 +81,12 @@ class Base:
     simulator: Simulator
     corrections: tuple[Correction, ...]
     travel: float = 0.0  # range of y in the recordings
+    until: float = 0.0  # s, the last time on their clocks
 
     @classmethod
-    def of(cls, plant: Plant, travel: float = 0.0) -> Base:
+    def of(cls, plant: Plant, travel: float = 0.0, until: float = 0.0) -> Base:
         simulator = Simulator(plant)
-        return cls(plant, simulator, corrections_of(simulator.mechanics), travel)
+        return cls(plant, simulator, corrections_of(simulator.mechanics), travel, until)
 
     @property
     def is_process(self) -> bool:
@@ -218,7 +221,9 @@ class Model:
             least = PASSIVE.get((spec.name, parameter.name), 0.0)
             low = max(low, np.log(least)) if least else low
             high = max(high, low + 0.1)
-            return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True)
+            waves = self._waves(spec, parameter.name, value)
+            finest = TURN / (2.0 * np.pi * max(waves, 1e-3))
+            return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True, finest=finest)
         alike = [
             abs(float(spec.parameters[p.name]))
             for p in EFFECTS[spec.name].parameters
@@ -236,6 +241,13 @@ class Model:
         if parameter.name == "mass_fraction":
             upper = min(upper, ROOM * self._mass_at(spec))
         return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
+
+    def _waves(self, spec: EffectSpec, name: str, value: float) -> float:
+        """Waves of this period over the travel, or of this frequency until the last sample; 0: no wave."""
+        if name == "period":
+            return self.base.travel / value
+        over_time = EFFECTS[spec.name].scan == "time" and name == "frequency"
+        return self.base.until * value if over_time else 0.0
 
     def _mass_at(self, spec: EffectSpec) -> float:
         """Mass at the effect's point over the moving mass: more cannot be cut off there."""
