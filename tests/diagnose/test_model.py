@@ -1,0 +1,55 @@
+"""The free numbers of a hypothesis, and where its effects may act."""
+
+import numpy as np
+import pytest
+
+from ffl.challenge.make import null_case
+from ffl.diagnose import diagnose
+from ffl.diagnose.model import LOG_STEP, TURN, Base, Model
+from ffl.diagnose.places import places_of
+from ffl.recordings import read_recording
+from ffl.systems import EffectSpec, load_plant
+
+WAVE = EffectSpec("periodic_disturbance", {"amplitude": 1.0, "frequency": 16.0})
+RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 1e-6, "period": 1e-3})
+
+
+def step_of(spec, name, **base):
+    model = Model(Base.of(load_plant("emps"), **base), effects=(spec,))
+    (found,) = (c for c in model.coordinates if c.name == name)
+    return found.step
+
+
+@pytest.mark.parametrize("until", [4.0, 40.0, 400.0])
+def test_a_difference_step_of_a_frequency_turns_the_last_wave_by_little(until):
+    """0.4 % of 16 Hz would be 16 rad after 40 s: no derivative at all."""
+    turned = 2 * np.pi * 16.0 * until * step_of(WAVE, "frequency", until=until)
+    assert turned == pytest.approx(TURN)
+
+
+def test_a_difference_step_of_a_period_turns_the_last_wave_by_little():
+    turned = 2 * np.pi * 0.25 / 1e-3 * step_of(RIPPLE, "period", travel=0.25)
+    assert turned == pytest.approx(TURN)
+    assert step_of(WAVE, "frequency", until=1e-3) == LOG_STEP
+
+
+@pytest.mark.parametrize(
+    ("plant", "collocated", "apart"),
+    [("emps", True, False), ("kernel2018_loop", True, True), ("flatbed_printer", True, True)],
+)
+def test_several_modes_may_be_driven_and_measured_at_two_points(plant, collocated, apart):
+    ratios = {p.mass_ratio for p in places_of(Model(Base.of(load_plant(plant))))}
+    assert (None in ratios) is collocated
+    assert (1.0 in ratios) is apart
+
+
+def test_what_corrections_gain_that_are_open_is_not_an_effect(tmp_path):
+    """A judging multisine excites a mode whose damping the fitted recordings leave open."""
+    null_case(31, 151).save(tmp_path)
+    plant = load_plant(tmp_path / "plant.toml")
+    fitted, judging = (
+        [read_recording(f, sample_time=plant.sample_time) for f in sorted(tmp_path.glob(name))]
+        for name in ("fit_*.csv", "validate_*.csv")
+    )
+    answer = diagnose(plant, fitted, judging, rng=np.random.default_rng(0)).answer()
+    assert answer["verdict"] == "nothing_missing"
