@@ -21,6 +21,7 @@ from ffl.systems.plant import EffectSpec, Plant
 TIE = 4.0  # score that a simpler name may cost
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 ALMOST = 0.999  # of the line: within it, whatever rounding does
+SURE = 3.0  # standard errors
 LINE = 0.02  # relative mass; share of the RMS force on the plant
 TENTH = {
     "input_delay": "delay",
@@ -58,9 +59,12 @@ def sizes(scene: Scene, model: Model) -> dict[str, float]:
     return out
 
 
-def crosses(scene: Scene, model: Model) -> bool:
-    """A correction is beyond the line: an effect by another name."""
-    return any(size > LINE for size in map(abs, sizes(scene, model).values()))
+def crosses(scene: Scene, judged: Judged) -> bool:
+    """A correction is beyond the line, for sure and in the way of its effect: an effect by another
+    name. (Less damping or stiffness than the model has is none.)"""
+    found = sizes(scene, judged.model)
+    beyond = [n for n, size in found.items() if (abs(size) if n == "mass" else size) > LINE]
+    return any(abs(judged.model.corrections[n]) > SURE * _spread(judged, n) for n in beyond)
 
 
 def on_the_line(held: Scene | None, judged: Judged) -> Judged:
@@ -97,7 +101,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         if size < 0 and name != "mass":
             continue  # less damping or stiffness than the model has: no effect says that
         spread = _spread(current, name)
-        if abs(current.model.corrections[name]) < 3.0 * spread:
+        if abs(current.model.corrections[name]) < SURE * spread:
             continue
         if name not in settled:
             within = _within(held, current, name, LINE / abs(size))
@@ -133,7 +137,7 @@ def renamed(judged: Judged) -> Judged:
     same number under its other name."""
     model, spread = judged.model, _spread(judged, "mass")
     change = model.corrections.get("mass", 0.0)
-    if abs(change) <= LINE or abs(change) < 3.0 * spread:
+    if abs(change) <= LINE or abs(change) < SURE * spread:
         return judged
     corrections = {k: v for k, v in model.corrections.items() if k != "mass"}
     named = replace(model, corrections=corrections, held=model.held | {"mass"})
@@ -146,19 +150,18 @@ def renamed(judged: Judged) -> Judged:
 
 
 def _netted(held: Scene | None, judged: Judged) -> Judged:
-    """An effect and the model's own number of the same kind that pull against each other are one
-    number: where what they come to is within the line, or less than the model has, no effect is
-    left. (A damping that acts at the motor and is free as a whole may else be said twice.)"""
+    """An effect and the model's own number of the same kind are one number: where what they come to is
+    within the line, or less than the model has, no effect is left. (A damping that acts at the motor and
+    is free as a whole may else be said twice, and so may a mass of 0.3 % beside one of 1.2 %.)"""
     for name, effect in NAMES.items():
         model = judged.model
-        own = model.corrections.get(name, 0.0)
-        if effect not in model.names or name in model.held or not own:
+        if effect not in model.names or name in model.held or name not in model.corrections:
             continue
         index = model.names.index(effect)
-        key, value = next(iter(_effect_values(model, name).items()))
-        amount = float(model.effects[index].parameters[key]) * own / value
-        if own * amount >= 0.0:
-            continue
+        own = model.corrections[name]
+        unit = replace(model, corrections={**model.corrections, name: 1.0})
+        key, value = next(iter(_effect_values(unit, name).items()))
+        amount = float(model.effects[index].parameters[key]) / value
         net = replace(model.without(index), corrections={**model.corrections, name: own + amount})
         size = sizes(judged.scene, net)[name]
         if (abs(size) if name == "mass" else size) <= LINE:

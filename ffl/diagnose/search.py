@@ -134,13 +134,9 @@ def contest(
         worthy = [r for r in worthy if earns(r, granted(base, r, quiet), threshold)]
         if worthy and base.model.effects and not (scene.plain or scene.observed):
             worthy = louder_than_noise(base, worthy)
-        if not worthy and not base.model.effects and crosses(quiet, base.model):
+        if not worthy and not base.model.effects and crosses(quiet, base):
             # What stands is no longer nominal: it claims an effect too, and must be the better one.
-            worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
-            worthy = [on_the_line(held, r) for r in worthy]
-            base, *worthy = levelled([base, *worthy])
-            worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
-            worthy.sort(key=lambda r: -r.score)
+            worthy = _claimants(held, base, rivals, threshold)
         accepted = worthy[0] if worthy else None
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
@@ -151,6 +147,20 @@ def contest(
         standing, again = accepted, False
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _claimants(
+    held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
+) -> list[Judged]:
+    """Those of `rivals`, best first, that with their own corrections on the line do more than the one
+    beyond it that `base` stands on, and earn their place beside it on the line."""
+    worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
+    if not worthy:
+        return []
+    on_line = [on_the_line(held, r) for r in (base, *worthy)]
+    base, plain, *worthy = levelled([base, *on_line])
+    worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
+    return sorted((r for r in worthy if earns(r, plain, threshold)), key=lambda r: -r.score)
 
 
 def _joined(quiet: Scene, held: Scene | None, first: Fit) -> Judged:

@@ -50,3 +50,13 @@ def test_a_correction_beyond_the_line_is_held_on_it(stage, record):  # type: ign
     near = on_the_line(None, far).model
     assert abs(sizes(scene, near)["mass"]) < 0.02
     assert "mass" in near.held
+
+
+@pytest.mark.parametrize(("own", "named"), [(0.012, ()), (0.05, ("mass_change",))])
+def test_a_mass_said_twice_is_one_number(stage, record, own, named):  # type: ignore[no-untyped-def]
+    """0.3 % as an effect beside 1.2 % as a correction is 1.5 %: no effect."""
+    heavy = EffectSpec("mass_change", {"change": 1.003 * (1.0 + own) - 1.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(heavy,))))
+    twice = replace(model, corrections={"mass": own, "damping": 0.0})
+    judged = judge(scene, None, twice.with_effect(EffectSpec("mass_change", {"change": 0.003})), 0)
+    assert across_the_line(scene, None, judged).model.names == named
