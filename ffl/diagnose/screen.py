@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.fft
@@ -86,6 +87,13 @@ class Screen:
         self.basis = orthonormal(fit.jacobian)
         self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
 
+    @cached_property
+    def far_off(self) -> bool:
+        """The simulation is so far from what was recorded that a period counts from elsewhere."""
+        left = self.scene.residuals(self.model) or []
+        pairs = zip(left, self.scene.trials, strict=bool(left))
+        return any(np.std(e) > OFF * np.ptp(t.y) for e, t in pairs)
+
     def beyond(self, columns: Array) -> Array:
         """`columns`, (N,) or (N, k), beyond what the model's own freedom explains."""
         return columns - self.basis @ (self.basis.T @ columns)
@@ -155,7 +163,6 @@ class Screen:
         """Simulated motion at the place; forces are held over a sample, so theirs is mid-sample.
         `recorded`: in places where y was and not the simulation, since a period counts from there."""
         side = place.side if place.port in ("force", "flow") else "sensor"
-        recorded = recorded and place.port == "force"
         key = (f"{place.port == 'force'}{recorded}{side}", place.mass_ratio)
         if key not in self._motions:
             trials = self.scene.trials
@@ -170,8 +177,7 @@ class Screen:
             return replace(motion, x=run.y)  # a sensor of speed acts on the speed
         if place.port != "force":
             return motion
-        off = trial.y - run.y
-        x = motion.x + off if recorded and np.std(off) > OFF * np.ptp(trial.y) else motion.x
+        x = motion.x + (trial.y - run.y) if recorded else motion.x
         return replace(motion, x=_middle(x), v=_middle(motion.v), a=_middle(motion.a))
 
     # --- judging ---------------------------------------------------------------------------------
@@ -207,14 +213,28 @@ class Screen:
             with suppress(InputError):  # simulated once, before threads ask for it
                 self.motions(place)
 
-        def best(entry: tuple[Effect, Place]) -> Candidate | None:
+        def best(entry: tuple[Effect, Place]) -> list[Candidate]:
             try:
-                return self.best(*entry)
+                return self._best_starts(*entry)
             except InputError:
-                return None
+                return []
 
-        out = [found for found in each(best, entries) if found is not None]
+        out = [found for several in each(best, entries) for found in several]
         return sorted(out, key=lambda c: -c.gain)
+
+    def _best_starts(self, effect: Effect, place: Place) -> list[Candidate]:
+        """The best of the effect at this place; of one that repeats along the stroke, where the
+        simulation is far off, also by the places where y was. What y shows beside the simulation is
+        then in the regressor itself, so that its gain counts for no more than the other's."""
+        found = self.best(effect, place)
+        if found is None:
+            return []
+        if effect.scan != "position" or place.port != "force" or not self.far_off:
+            return [found]
+        other = self.best(effect, place, recorded=True)
+        return (
+            [found] if other is None else [found, replace(other, gain=min(other.gain, found.gain))]
+        )
 
     def places(self, effect: Effect) -> list[Place]:
         if effect.port == "flow":
@@ -231,13 +251,13 @@ class Screen:
         kept = [p for p in out if p.side in effect.sides]
         return kept or [Place("force", effect.default_side)]
 
-    def best(self, effect: Effect, place: Place) -> Candidate | None:
-        """The best of the effect's grid at this place."""
+    def best(self, effect: Effect, place: Place, recorded: bool = False) -> Candidate | None:
+        """The best of the effect's grid at this place; `recorded`: see `motions`."""
         from ffl.diagnose.scan import periods
 
-        motions = self.motions(place, effect.scan == "position")
+        motions = self.motions(place, recorded)
         if effect.scan:
-            grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
+            grid: Sequence[Mapping[str, float]] = periods(self, effect, place, recorded)
         else:
             grid = effect.grid(_joined(motions))
         best: Candidate | None = None
