@@ -72,11 +72,10 @@ def conclude(
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     worse = trusted and not proof.nrmse_after < WORSE * proof.nrmse_before
     seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
-    if effects and worse and seen and said == "explained":
-        said = "partly_explained"
-    if effects and worse and said != "unnamed" and not seen:
-        said = "inconclusive"
-        place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
+    if effects and worse and said != "unnamed":
+        said = "partly_explained" if seen else "inconclusive"
+        if not seen:
+            place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
     if another:
         said = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())

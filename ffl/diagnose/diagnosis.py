@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -133,8 +132,9 @@ def diagnose(
         scene = with_starts(scene, standing.model)
         held = with_starts(replace(held, noise=scene.noise), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
-    name = renamed if standing.predicted else partial(across_the_line, standing.scene, held)
-    standing = name(standing)
+    standing = (
+        renamed(standing) if standing.predicted else across_the_line(standing.scene, held, standing)
+    )
     held = with_starts(replace(held, noise=standing.scene.noise), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others

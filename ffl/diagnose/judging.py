@@ -113,11 +113,7 @@ def granted(base: Judged, rival: Judged, quiet: Scene) -> Judged:
     plain = rival.model.without(len(rival.model.effects) - 1)
     if base.held is None or plain.names != base.model.names:
         return base
-    left = quiet.residuals(plain)
-    if left is None:
-        return base
-    white, before = quiet.whiten(left), quiet.whiten(raw_residuals(quiet, base.model))
-    if 0.5 * quiet.worth * float(white @ white - before @ before) > OPEN:
+    if not 0.5 * quiet.worth * (quiet.cost(plain) - quiet.cost(base.model)) <= OPEN:
         return base
     worth, held_white = held_out(base.held, quiet, replace(base.fit, model=plain))
     other = replace(base, held_out=worth, held_white=held_white)

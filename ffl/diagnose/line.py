@@ -62,9 +62,13 @@ def sizes(scene: Scene, model: Model) -> dict[str, float]:
 def crosses(scene: Scene, judged: Judged) -> bool:
     """A correction is beyond the line, for sure and in the way of its effect: an effect by another
     name. (Less damping or stiffness than the model has is none.)"""
-    found = sizes(scene, judged.model)
-    beyond = [n for n, size in found.items() if (abs(size) if n == "mass" else size) > LINE]
+    beyond = [n for n, size in sizes(scene, judged.model).items() if _claims(n, size)]
     return any(abs(judged.model.corrections[n]) > SURE * _spread(judged, n) for n in beyond)
+
+
+def _claims(name: str, size: float) -> bool:
+    """The size is beyond the line in a way that an effect has a name for."""
+    return (abs(size) if name == "mass" else size) > LINE
 
 
 def on_the_line(held: Scene | None, judged: Judged) -> Judged:
@@ -96,10 +100,8 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         current = _as_it_stands(current, replace(current.model, held=current.model.held - settled))
     for name, effect in NAMES.items():
         size = sizes(scene, current.model).get(name, 0.0)
-        if abs(size) <= LINE or effect in {spec.name for spec in current.model.acting}:
-            continue
-        if size < 0 and name != "mass":
-            continue  # less damping or stiffness than the model has: no effect says that
+        if not _claims(name, size) or effect in {spec.name for spec in current.model.acting}:
+            continue  # of less damping or stiffness than the model has no effect says that either
         spread = _spread(current, name)
         if abs(current.model.corrections[name]) < SURE * spread:
             continue
@@ -163,8 +165,7 @@ def _netted(held: Scene | None, judged: Judged) -> Judged:
         key, value = next(iter(_effect_values(unit, name).items()))
         amount = float(model.effects[index].parameters[key]) / value
         net = replace(model.without(index), corrections={**model.corrections, name: own + amount})
-        size = sizes(judged.scene, net)[name]
-        if (abs(size) if name == "mass" else size) <= LINE:
+        if not _claims(name, sizes(judged.scene, net)[name]):
             judged = judge(judged.scene, held, net, 8)
     return judged
 

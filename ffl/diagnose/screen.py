@@ -90,8 +90,10 @@ class Screen:
     @cached_property
     def far_off(self) -> bool:
         """The simulation is so far from what was recorded that a period counts from elsewhere."""
-        left = self.scene.residuals(self.model) or []
-        pairs = zip(left, self.scene.trials, strict=bool(left))
+        left = self.scene.residuals(self.model)
+        if left is None:
+            return False
+        pairs = zip(left, self.scene.trials, strict=True)
         return any(np.std(e) > OFF * np.ptp(t.y) for e, t in pairs)
 
     def beyond(self, columns: Array) -> Array:
@@ -232,9 +234,9 @@ class Screen:
         if effect.scan != "position" or place.port != "force" or not self.far_off:
             return [found]
         other = self.best(effect, place, recorded=True)
-        return (
-            [found] if other is None else [found, replace(other, gain=min(other.gain, found.gain))]
-        )
+        if other is None:
+            return [found]
+        return [found, replace(other, gain=min(other.gain, found.gain))]
 
     def places(self, effect: Effect) -> list[Place]:
         if effect.port == "flow":

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.law import COMMIT, FIRST, V0, X0, X1
+from ffl.effects.paths import bouc_wen_step
 from ffl.effects.solve import end_motion, set_line
 
 
@@ -58,3 +59,9 @@ def set_bristle(io, s, plus, minus, stiffness, damping):  # type: ignore[no-unty
         force = following if low < following < high else 0.5 * (low + high)
     s[2] = force
     set_line(io, s[1], force)
+
+
+def carried(travel: float, displacement: float) -> float:
+    """Deflection after a `travel` in one direction from an unloaded contact; `displacement` is
+    level/stiffness."""
+    return float(displacement * bouc_wen_step(0.0, travel, displacement, 1.0, 1.0))

@@ -8,9 +8,8 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
-from ffl.effects.bristle import set_bristle
+from ffl.effects.bristle import carried, set_bristle
 from ffl.effects.law import COMMIT, FIRST, GV, V0, V1, X0, X1
-from ffl.effects.paths import bouc_wen_step
 from ffl.effects.solve import middle_motion, set_friction
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -148,7 +147,7 @@ class PositionDependentFriction(Effect):
             return state
         levels = packed[1 + int(packed[0]) : -3]
         displacement = max(float(np.mean(levels)) / packed[-3], LEAST)
-        return [displacement * bouc_wen_step(0.0, travel, displacement, 1.0, 1.0), *state[1:]]
+        return [carried(travel, displacement), *state[1:]]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[-3]

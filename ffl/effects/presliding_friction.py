@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ffl.effects import bristle, slip
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.bristle import set_bristle
 from ffl.effects.modal import is_speed
-from ffl.effects.paths import bouc_wen, bouc_wen_step
-from ffl.effects.slip import ELEMENTS, carried, set_slip, slip
+from ffl.effects.paths import bouc_wen
+from ffl.effects.slip import ELEMENTS, set_slip
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -63,8 +64,8 @@ class PreslidingFriction(Effect):
     def after_travel(self, state, packed, travel):  # type: ignore[no-untyped-def]
         displacement = packed[0] / packed[1]
         if packed[3]:
-            return [*carried(travel, displacement), state[-1]]
-        return [displacement * bouc_wen_step(0.0, travel, displacement, 1.0, 1.0), *state[1:]]
+            return [*slip.carried(travel, displacement), state[-1]]
+        return [bristle.carried(travel, displacement), *state[1:]]
 
     def forms(self, flexible: bool) -> list[dict[str, Any]]:
         """That of machines; whether the other does better is asked once this one stands."""
@@ -83,7 +84,7 @@ class PreslidingFriction(Effect):
         """-z stiffness/level along the path; `displacement` is level/stiffness."""
         displacement = nonlinear["displacement"]
         if nonlinear.get("kind") == "maxwell_slip":
-            return np.column_stack([-slip(motion.x, displacement)])
+            return np.column_stack([-slip.slip(motion.x, displacement)])
         return np.column_stack([-bouc_wen(motion.x, displacement, 1.0, 1.0)])
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
