@@ -54,12 +54,16 @@ def conclude(
     else:
         nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.fit, rng)
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
-    fitted = replace((maps.model if maps else standing.model).plant(), name=model.name)
+    lost = nameless.lost
+    bare = maps.model if maps else lost.fit.model if lost else standing.model
+    fitted = replace(bare.plant(), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))
     observed = model.controller is None and fitted.controller is not None
     augmented = replace(running, controller=None) if observed else running
     after = [run_plant(running, trial) for trial in held.trials]
     quiet = nameless.winner.scene if nameless.winner else standing.scene
+    if lost:
+        quiet = replace(quiet, noise=lost.fitted.scene.noise)
     proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, running, observed)
     if maps:
         proof = with_map(proof, held, maps)
@@ -81,7 +85,8 @@ def conclude(
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
-    left = (maps.residuals(quiet) if maps else quiet.residuals(standing.model)) or []
+    explained = lost.fitted.scene if lost else quiet
+    left = (maps.residuals(quiet) if maps else explained.residuals(bare)) or []
     maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
     if said != "nothing_missing":
         motions = [nominal.simulate(trial).motion() for trial in quiet.trials]
@@ -105,7 +110,7 @@ def conclude(
         verdict=said,
         place=place,
         findings=findings if said not in ("unnamed", "inconclusive") else (),
-        corrections=() if maps or said == "inconclusive" else corrections(standing),
+        corrections=() if maps or lost or said == "inconclusive" else corrections(standing),
         proof=proof,
         advice=_advice(said, place, experiment, model),
         experiment=experiment,
@@ -117,7 +122,9 @@ def conclude(
         notes=tuple(notes),
         nameless=nameless,
         pictures=_pictures(nameless),
-        forces=where.forces(standing.scene, standing.model) if effects and not maps else None,
+        forces=where.forces(standing.scene, standing.model)
+        if effects and bare is standing.model
+        else None,
     )
 
 

@@ -76,6 +76,14 @@ def _left(standing: Judged, component: str, said: str, depends: dict[str, None])
 
 def _nameless(contest: Contest) -> where.Place:
     winner = contest.winner
+    if contest.lost is not None:
+        search = contest.lost.fitted
+        said = f"{search.lost} of {search.scene.samples} samples, as far as they can be told"
+        return where.Place(
+            "timing",
+            f"commands that did not arrive, the drive keeping the one before: at {said}",
+            contest.variables, port="beside the command",
+        )  # fmt: skip
     if winner is None:
         assert contest.events is not None
         return where.Place(
