@@ -107,7 +107,8 @@ def formula(
     if part.term.bank is not None:
         return _of_history(screen, part, along, target, best, scale)
     if part.term.grid is None:
-        return _plain(part, r, q, best, scale)
+        plain = len(part.coefficients) == 1 or part.term.along == "speed"
+        return _plain(part, r, q, best, scale) if plain else None
     return _of_map(part, r, q, best, scale)
 
 
@@ -143,7 +144,11 @@ def _columns(shapes: Sequence[Shape], z: Array) -> Array:
 
 
 def _cost(shapes: Sequence[Shape], z: Array, r: Array, q: Array) -> float:
-    table = r @ _columns(shapes, z)
+    with np.errstate(all="ignore"):  # a shape whose width has come to nothing
+        columns = _columns(shapes, z)
+    if not np.all(np.isfinite(columns)):
+        return 1e300
+    table = r @ columns
     weights = np.linalg.lstsq(table, q, rcond=1e-10)[0]
     return float(np.sum((q - table @ weights) ** 2))
 
