@@ -15,37 +15,36 @@ import numpy as np
 from ffl.diagnose.events import SHORT
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.freemodel import (
-    RUNAWAY,
     Evidence,
     FreeModel,
     FreeScreen,
     Part,
-    Run,
+    Running,
     evidence,
-    posterior,
-    run_of,
     tables_of,
 )
+from ffl.diagnose.freestep import ROUNDS, stepped
 from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, PASSES, QUIET, effective
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place, places_of
+from ffl.diagnose.starts import with_starts
 from ffl.diagnose.terms import TERMS, Term, ranges_of
 from ffl.systems.state_space import Array
 
 LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
-ROUNDS = 3  # Gauss-Newton rounds of a map in the closed loop
 TRIED = 6  # maps of the screen that are simulated
 FINISHED = 2  # of them, fitted to convergence
 FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
 ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
-SMALL = 0.1  # sum of squares that ends the rounds
 WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
-HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1)
-SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred
+HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1), or
+UNTOLD = 200.0  # in the fitted ones, where it makes less than this of a difference to the others
+SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
+NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,8 @@ class FreeForm:
     `evidence`: gained by the maps in the fitted recordings; `white`, `held_white`: whitened residuals
     under `scene`'s noise; `known`: held-out samples at which the maps can be judged, since the machine
     is, and has been for a while, where it was in the fitted recordings. `ranking`: all maps at all
-    ports as they were screened, best first.
+    ports as they were screened, best first. `scene` and `held` begin as the maps have it, where a
+    recording begins in motion. `untold`: the held-out recordings hardly show the maps.
     """
 
     free: FreeModel
@@ -74,6 +74,8 @@ class FreeForm:
     held_white: Array
     known: Array
     ranking: tuple[Ranked, ...] = ()
+    held: Scene | None = None
+    untold: bool = False
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -86,6 +88,10 @@ class FreeForm:
     @property
     def variables(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(v for p in self.parts for v in p.term.variables))
+
+    @property
+    def cost(self) -> float:
+        return float(self.white @ self.white)
 
     @property
     def port(self) -> str:
@@ -110,7 +116,7 @@ def entries_of(model: Model) -> list[tuple[Term, Place]]:
     points = places_of(model) if mechanical else []
     out = []
     for term in TERMS:
-        places = points if term.port == "force" else [Place(term.port)]
+        places = points if term.port == "force" else [Place(term.port, term.side)]
         out += [(term, place) for place in places]
     return out
 
@@ -181,7 +187,7 @@ def _judged(
             known = np.ones_like(known)
         missed = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
         white = judged.judge(missed, known)
-    return FreeForm(free, scene, gain, left, white, known)
+    return FreeForm(free, scene, gain, left, white, known, held=held)
 
 
 def _known(free: FreeModel, x: Array, scene: Scene) -> Array:
@@ -232,21 +238,24 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         return _fitted(screen, start, held, current.evidence, found.gain, 1)
 
     def finished(f: FreeForm) -> FreeForm:
-        return _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
+        f = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
+        return _started(f)
 
     worth = [entry for entry in ranked[:TRIED] if entry[0].gain >= least]
     tried = [f for f in each(begun, worth) if f is not None]
-    tried.sort(key=lambda f: -_score(f, current))
+    # Those that help where nothing was fitted come first, however much others take off what was.
+    tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
     done = each(finished, tried[:FINISHED])  # those that matter go on to convergence
+    done = [f for f in done if _earns(f, current)]
     top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:
         return None
-    near = [f for f in done if _score(f, current) >= SIMPLER * top]
+    least = min(f.cost for f in done if _score(f, current) >= SIMPLER * top)
+    near = [f for f in done if _score(f, current) >= SIMPLER * top and f.cost <= NO_WORSE * least]
     best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)))
-    if not _earns(best, current):
-        return None
     listed = tuple(Ranked(p.term.name, words(p.place), e.gain) for e, p in ranked)
-    return replace(_quieter(best, held), ranking=current.ranking or listed)
+    untold = _promise(current, best) < HELD_WORTH
+    return replace(_quieter(best), ranking=current.ranking or listed, untold=untold)
 
 
 def words(place: Place) -> str:
@@ -277,7 +286,21 @@ def _ranked(
     return sorted(each(promise, entries), key=lambda item: -item[0].gain)
 
 
-def _quieter(found: FreeForm, held: Scene | None) -> FreeForm:
+def _started(f: FreeForm) -> FreeForm:
+    """The same with the starts of recordings that begin in motion as the maps have them: those that
+    were read without them speak against them."""
+    grounds = [f.scene] if f.held is None else [f.scene, f.held]
+    if all(t.at_rest for ground in grounds for t in ground.trials):
+        return f
+    running, noise = Running(f.free), f.scene.noise
+    scene, *others = (
+        replace(ground, trials=with_starts(replace(ground, noise=noise), running).trials)
+        for ground in grounds
+    )
+    return _judged(scene, others[0] if others else None, f.free, f.evidence) or f
+
+
+def _quieter(found: FreeForm) -> FreeForm:
     """Fitted again under the noise that is left now that the map explains its share, as long as that
     changes it; the first opinion may have been too low as well as too high."""
     for _ in range(PASSES):
@@ -285,7 +308,7 @@ def _quieter(found: FreeForm, held: Scene | None) -> FreeForm:
         residuals = found.free.residuals(scene) or []
         other = scene.with_noise_of(residuals, coloured=False, quantile=QUIET)
         screen = FreeScreen(other, found.free.model)
-        again = _fitted(screen, found.free, held, found.evidence, 0.0, ROUNDS)
+        again = _fitted(screen, found.free, found.held, found.evidence, 0.0, ROUNDS)
         if again is None:
             break
         found = again
@@ -305,8 +328,20 @@ def _earns(f: FreeForm, before: FreeForm) -> bool:
     fitted, held = f.evidence - before.evidence, _held(before, f)
     if before.parts and (fitted < SHARE * len(f.white) or held < SHARE * int(f.known.sum())):
         return False
-    judged = bool(before.held_white.size)
-    return fitted > WORTH and (held > HELD_WORTH or not judged)
+    if not before.held_white.size:
+        return fitted > WORTH
+    if _promise(before, f) < HELD_WORTH:
+        return fitted > UNTOLD
+    return fitted > WORTH and held > HELD_WORTH
+
+
+def _promise(before: FreeForm, after: FreeForm) -> float:
+    """Log-likelihood of the held-out recordings that the maps would bring in the mean, if they were
+    right: half the square of the difference they make there, in units of the noise."""
+    if not before.held_white.size:
+        return np.inf
+    difference = (before.held_white - after.held_white)[after.known]
+    return 0.5 * float(difference @ difference)
 
 
 def _held(before: FreeForm, after: FreeForm) -> float:
@@ -321,77 +356,10 @@ def _motions(free: FreeModel, scene: Scene, places: Sequence[Place]):  # type: i
 def _fitted(
     screen: FreeScreen, free: FreeModel, held: Scene | None, before: float, gain: float, rounds: int
 ) -> FreeForm | None:
-    """All maps together in the closed loop: Gauss-Newton with the maps' traces along the motion they
-    make, and the model's own numbers beside them. The evidence is `before` plus `gain`, or what the
-    simulation makes of it where that is less."""
-    scene = screen.scene
-    now = run_of(scene, free)
-    if now is None:
+    """All maps together in the closed loop. The evidence is `before` plus `gain`, or what the simulation
+    makes of it where that is less."""
+    found = stepped(screen, free, rounds)
+    if found is None:
         return None
-    first = cost = now.cost
-    for _ in range(rounds):
-        wanted = _step(screen, free, now)
-        if wanted is None:
-            break
-        share, tried = 1.0, None
-        while share > 0.2 and not (tried and tried.cost < cost):
-            other = _between(free, wanted, share)
-            tried = run_of(scene, other)
-            share *= 0.5
-        if not (tried and tried.cost < cost):
-            break
-        gained, cost, free, now = cost - tried.cost, tried.cost, other, tried
-        if gained < SMALL:
-            break
-    return _judged(scene, held, free, before + min(gain, 0.5 * (first - cost)), now.white)
-
-
-def _step(screen: FreeScreen, free: FreeModel, now: Run) -> FreeModel | None:
-    """The maps and numbers that explain `now` best to first order around `free`."""
-    white, motions = now.white, now.motions
-    spans = [p.ranges for p in free.parts]
-    tables = tables_of(screen, [(p.term, p.place) for p in free.parts], spans, motions)
-    if not all(np.all(np.abs(t) < RUNAWAY) for t in tables):
-        return None
-    whole = white + _sum(tables, [p.coefficients for p in free.parts])
-    target = screen.beyond(whole + screen.from_nominal(free.model))
-    beyond = [screen.beyond(t) for t in tables]
-    priors = []
-    for k, (p, table) in enumerate(zip(free.parts, beyond, strict=True)):
-        others = [o.coefficients for o in free.parts]
-        others[k] = np.zeros_like(others[k])
-        priors.append(evidence(p.term, p.ranges, table, target - _sum(beyond, others)))
-    coefficients = posterior([p.term for p in free.parts], spans, beyond, priors, target)
-    theta = free.model.theta
-    if len(theta):
-        theta = theta + _numbers(screen, free.model, whole - _sum(tables, coefficients))
-    parts = tuple(
-        replace(p, coefficients=c, length=e.length)
-        for p, c, e in zip(free.parts, coefficients, priors, strict=True)
-    )
-    return FreeModel(free.model.at(theta), parts)
-
-
-def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
-    """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as
-    far as they are believed (`Coordinate.doubt`)."""
-    j = screen.fit.jacobian
-    size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
-    belief = np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
-    stacked = np.vstack([j / size, np.diag(belief / size)])
-    target = np.append(left, -belief * model.theta)
-    return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size
-
-
-def _between(a: FreeModel, b: FreeModel, share: float) -> FreeModel:
-    """`share` of the way from `a` to `b`."""
-    theta = a.model.theta + share * (b.model.theta - a.model.theta)
-    parts = tuple(
-        replace(q, coefficients=p.coefficients + share * (q.coefficients - p.coefficients))
-        for p, q in zip(a.parts, b.parts, strict=True)
-    )
-    return FreeModel(b.model.at(theta), parts)
-
-
-def _sum(tables: Sequence[Array], coefficients: Sequence[Array]) -> Array:
-    return np.sum([t @ c for t, c in zip(tables, coefficients, strict=True)], axis=0)
+    free, now, gained = found
+    return _judged(screen.scene, held, free, before + min(gain, 0.5 * gained), now.white)

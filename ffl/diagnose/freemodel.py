@@ -13,13 +13,14 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.terms import Ranges, Term
-from ffl.diagnose.trials import Trial, start_of
+from ffl.diagnose.trials import SETTLE, Trial, start_of
 from ffl.diagnose.triangle import triangle
 from ffl.effects import Motion
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
 from ffl.systems.state_space import Array
 
+SENT = "sent"  # side of a map that sees the command as it was recorded
 REPEATS = 8  # most repetitions of a simulation: the map moves the machine, the motion moves the map
 FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
 RUNAWAY = 1e100  # of a trace in whitened y: the motion it belongs to has run away
@@ -56,13 +57,14 @@ class FreeModel:
         all bounds. The maps' signals are repeated until the motion they make is the one they saw."""
         wanted = list(dict.fromkeys([*places, *(p.place for p in self.parts)]))
         keys = [side_of(place) for place in wanted]
+        pairs = list(zip(wanted, keys, strict=True))
         run = self.model.simulate(trial, watch=list(dict.fromkeys(keys)))
         before, change, share = run.y, np.inf, 1.0
         ports: dict[str, Array] = {}
         for _ in range(REPEATS if self.parts else 0):
             if run.diverged:
                 return None
-            motions = {p: run.motion(*k) for p, k in zip(wanted, keys, strict=True)}
+            motions = {p: _seen(run.motion(*k), p, trial) for p, k in pairs}
             with np.errstate(over="ignore", invalid="ignore"):  # a map that runs away
                 fresh = self._signals(motions)
             if not all(np.all(np.isfinite(signal)) for signal in fresh.values()):
@@ -79,7 +81,7 @@ class FreeModel:
                 break
         if run.diverged:
             return None
-        return run, {p: run.motion(*k) for p, k in zip(wanted, keys, strict=True)}
+        return run, {p: _seen(run.motion(*k), p, trial) for p, k in pairs}
 
     def _signals(self, motions: dict[Place, Motion]) -> dict[str, Array]:
         """What the maps put in at each port along these motions."""
@@ -96,7 +98,7 @@ class FreeModel:
         load = ports.get("command")
         if trial.load is not None:
             load = trial.load if load is None else load + trial.load
-        start = start_of(self.model.base.simulator, self.model.acting, trial)
+        start = self._start(trial)
         return self.model.simulator.run(
             self.model.acting, trial.reference, trial.feedforward, force=load,
             noise=ports.get("output"), start=start, start_time=trial.start_time,
@@ -104,6 +106,25 @@ class FreeModel:
             travel=trial.travel, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
             applied=(ports["force"], side) if side else None,
         )  # fmt: skip
+
+    def _start(self, trial: Trial) -> Array:
+        """The state at the first sample: a loop at rest has brought what a sensor shows to the
+        reference, maps at the sensor included."""
+        simulator = self.model.base.simulator
+        start = start_of(simulator, self.model.acting, trial)
+        shown = [p for p in self.parts if p.place.port == "output"]
+        if not trial.at_rest or not shown or simulator.plant.controller is None:
+            return start
+        unit = simulator.at_rest(1.0)[: simulator.n_plant]
+        measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
+        position, zero = measured, np.zeros(2)
+        for _ in range(SETTLE):
+            x = np.full(2, position)
+            still = Motion(zero, x, zero, x, zero, zero, trial.sample_time)
+            position = measured - sum(float(p.signal(still)[0]) for p in shown)
+        start = start.copy()
+        start[: simulator.n_plant] += (position - measured) * unit
+        return start
 
     def residuals(self, scene: Scene) -> list[Array] | None:
         out = []
@@ -116,6 +137,20 @@ class FreeModel:
                 return None
             out.append(trial.y - found[0].y)
         return out
+
+
+class Running:
+    """A model with maps as `starts` runs it."""
+
+    def __init__(self, free: FreeModel) -> None:
+        self.free, self.base, self.acting = free, free.model.base, free.model.acting
+
+    def simulate(self, trial: Trial) -> Simulation:
+        found = self.free.simulate(trial)
+        if found is not None:
+            return found[0]
+        run = self.free.model.simulate(trial)
+        return replace(run, y=np.full(len(trial), np.nan))
 
 
 @dataclass(frozen=True)
@@ -167,6 +202,14 @@ class FreeScreen(Screen):
         return self.fit.jacobian[:, self.believed] @ model.theta[self.believed]
 
 
+def _seen(motion: Motion, place: Place, trial: Trial) -> Motion:
+    """The motion that a map at `place` sees. A limit cuts off what feedback then asks for again: its
+    repetition does not come to rest, and the command as recorded is what was cut."""
+    if place.side != SENT or not np.all(np.isfinite(trial.u)):
+        return motion
+    return replace(motion, u=trial.u)
+
+
 def side_of(place: Place) -> tuple[str, float | None]:
     return (place.side if place.port == "force" else "sensor", place.mass_ratio)
 
@@ -189,8 +232,11 @@ class Evidence:
     length: float
 
 
-def evidence(term: Term, ranges: Ranges, table: Array, target: Array) -> Evidence:
-    """log p(target | map) - log p(target | no map) of the best prior, target = table c + white noise."""
+def evidence(
+    term: Term, ranges: Ranges, table: Array, target: Array, shortest: float = 0.0
+) -> Evidence:
+    """log p(target | map) - log p(target | no map) of the best prior, target = table c + white noise;
+    `shortest`: least length of a map over a grid."""
     best = Evidence(-np.inf, 0.0, 1.0)
     if not np.all(np.abs(table) < RUNAWAY):
         return best
@@ -198,7 +244,7 @@ def evidence(term: Term, ranges: Ranges, table: Array, target: Array) -> Evidenc
     scale = float(np.sum(table**2)) / len(table)
     if scale <= 0:
         return best
-    for length in term.lengths:
+    for length in (at for at in term.lengths if at >= shortest):
         kernel = term.kernel(ranges, length)
         values, vectors = np.linalg.eigh(r @ kernel @ r.T / scale)
         values = np.maximum(values, 0.0)

@@ -20,6 +20,8 @@ from ffl.systems.state_space import Array
 Ranges = Mapping[str, tuple[float, float]]
 LENGTHS = (0.03, 0.08, 0.2, 0.6)  # of the grid: how fast a map may vary
 JITTER = 1e-6
+FALLS = (0.2, 0.4, 0.7, 1.1)  # of the largest command, that a limit loses at the largest speed
+LEVELS = 17
 MEMORIES = 7  # time constants of a history, from a few samples to the length of a recording
 
 
@@ -28,7 +30,7 @@ class Term:
     """A family of maps: `columns(motion, ranges)` (N, k); `grid(ranges)` (k,) where the map lives, None
     where the columns have no order. `driver` and `along` say it: driver * g(along). `bank(motion,
     ranges, time constants)`: the columns of a history; `along_grid(motion, grid, values)`: the
-    map itself."""
+    map itself. `side` "sent": of the command as it was recorded, not simulated."""
 
     name: str
     port: str
@@ -39,6 +41,7 @@ class Term:
     grid: Callable[[Ranges], Array] | None
     bank: Callable[[Motion, Ranges, Array], Array] | None = None
     along_grid: Callable[[Motion, Array, Array], Array] | None = None
+    side: str = "sensor"
 
     def signal(self, motion: Motion, ranges: Ranges, coefficients: Array) -> Array:
         """columns @ coefficients, (N,), without the table where there is a grid."""
@@ -217,6 +220,18 @@ def _pushed(m: Motion, ranges: Ranges) -> Array:
     return np.hstack([hats * np.maximum(u, 0.0), hats * np.minimum(u, 0.0)])
 
 
+def _limited(m: Motion, ranges: Ranges) -> Array:
+    """What is cut off a command, by its size and the speed together: sign(u) max(0, |u| + k |v| - c), for
+    several k and c. A limit that falls with the speed, as a supply's voltage makes it, is one of them."""
+    size = max(abs(at) for at in ranges["u"]) or 1e-300
+    sign, out = np.sign(m.u)[:, None], []
+    for share in FALLS:
+        both = np.abs(m.u) / size + share * np.abs(m.v) / _top(ranges)
+        beyond = both[:, None] - np.linspace(0.0, 1.0 + share, LEVELS, endpoint=False)
+        out.append(np.maximum(beyond, 0.0) * sign)
+    return np.hstack(out)
+
+
 def _one(m: Motion) -> float:
     return 1.0
 
@@ -308,6 +323,10 @@ TERMS: tuple[Term, ...] = (
         "position", _positions,
     ),
     Term("command by velocity", "command", ("command", "velocity"), "command", "speed", _pushed, None),
+    Term(
+        "limit by speed", "command", ("command", "velocity"), "sign(command)",
+        "|command| and speed", _limited, None, side="sent",
+    ),
     _of_history("command by its heat", "command", HEAT, "command", "heat", _hot_gain),
     _gridded("position at the sensor", "output", POSITION, "", _one, "position", _positions),
     _gridded("velocity at the sensor", "output", VELOCITY, "", _one, "velocity", _velocities),

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.random import Generator
 
 from ffl.diagnose.doubt import judged_by
+from ffl.diagnose.dropouts import Dropouts, dropouts
 from ffl.diagnose.events import Events, events
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.formula import Formula, formula
-from ffl.diagnose.freeform import FreeForm, free_form, held_gain, least_noise
+from ffl.diagnose.freeform import HELD_WORTH, UNTOLD, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
 from ffl.diagnose.imitate import imitated
+from ffl.diagnose.judging import LOST
 from ffl.diagnose.model import Model
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
@@ -22,6 +24,9 @@ from ffl.systems.state_space import Array
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
 QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
+FAR = (
+    2.5  # times what maps leave: names that leave more are not nearly right, whatever they took off
+)
 EARNED = 0.05  # share of the mismatch that names must take off beside maps
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
 SHUFFLES = 3
@@ -45,6 +50,7 @@ class Contest:
     variables: tuple[str, ...] = ()
     needed: tuple[tuple[str, float], ...] = ()  # share of the evidence that each variable is worth
     formulas: tuple[Formula, ...] = ()
+    lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
 
     @property
     def winner(self) -> FreeForm | None:
@@ -64,12 +70,21 @@ def compare(
         return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
     if held is not None and held.trials:
         held = judged_by(held, found)
+    lost = dropouts(scene, held, nominal)
+    if lost is not None:
+        gains = lost.gains(scene, held, standing)
+        if gains[0] > MARGIN and gains[1] > (MARGIN if lost.confirmed else -MARGIN):
+            return Contest("unnamed", None, None, *gains, None, ("command", "time"), lost=lost)
+    stated = None
     bursts, loud = events(scene, left), _loudness(scene, standing, left)
+    if not bursts.found:
+        stated = nominal.base.plant
+        bursts = events(scene, left, stated)
     if bursts.found or (named and loud > QUIET_ENOUGH):
         # What sticks and slips answers noise in bursts, louder than the loop alone would make it; slow
         # noise holds few independent samples in a short window and looks like bursts on any machine.
         alike = imitated(standing.plant(), scene.trials, scene.noise, rng)
-        usual = max((events(scene, one.y).ratio for one in alike), default=0.0)
+        usual = max((events(scene, one.y, stated).ratio for one in alike), default=0.0)
         bursts = replace(bursts, limit=max(bursts.limit, LOUDER * usual))
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     calm = loud < QUIET_ENOUGH and not bursts.found
@@ -77,22 +92,31 @@ def compare(
     alone = maps[-1] if maps and maps[-1].parts else None
     gains = _gains(scene, held, standing, alone) if alone else (0.0, 0.0)
     if not named:
-        if alone and min(gains) > MARGIN:  # over numbers of the linear model that have converged
+        # Over numbers of the linear model that have converged; recordings that hardly show what the
+        # maps are cannot confirm it.
+        told = alone is not None and (gains[1] > MARGIN or (alone.untold and gains[0] > UNTOLD))
+        if alone and gains[0] > MARGIN and told:
             return _described(Contest("unnamed", alone, None, *gains, bursts), rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
-    winning = alone is not None and min(gains) > MARGIN
+    winning = alone is not None and gains[0] > MARGIN and gains[1] > HELD_WORTH
+    if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
+        # Held-out recordings that show little of it may lose a little on a map, which is never
+        # quite still where there is nothing.
+        winning = _cost(scene, standing, alone) > FAR * alone.cost
     if calm and not winning:
         return Contest("named", alone, None, *gains, bursts)
     only = [p.term.name for p in alone.parts] if alone and winning else []
     maps = free_form(scene, held, standing, names=only)
     beside = maps[-1] if maps and maps[-1].parts else None
-    nearly = alone if alone and winning and _nearly(scene, held, nominal, standing, alone) else None
+    nearly = None  # several names that do less than one map are no simpler for being nearly right
+    if alone and winning and len(standing.effects) <= len(alone.parts):
+        nearly = alone if _nearly(scene, held, nominal, standing, alone) else None
     if alone and winning and not nearly and not _better(beside, alone, nominal, held):
         return _described(Contest("unnamed", alone, beside, *gains, bursts), rng)
     if beside or nearly:
         return _described(Contest("partly", alone, beside or nearly, *gains, bursts), rng)
-    if bursts.found and bursts.excess > SHARED_OUT * events(scene, before).excess:
+    if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
 
@@ -101,6 +125,11 @@ def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
     """Mean square of residuals whitened by the least noise that they show."""
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
     return float(np.mean(quiet.whiten(residuals) ** 2))
+
+
+def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
+    """Sum of squares that the names leave in the fitted recordings, under the maps' noise."""
+    return replace(scene, noise=alone.scene.noise).cost(standing)
 
 
 def _gains(
@@ -138,7 +167,7 @@ def _nearly(
             float(np.mean(x[known] ** 2))
             for x in (ground.judge(none, known), ground.judge(named, known), white)
         )
-        if whole - some < NEARLY * (whole - least):
+        if whole - some < NEARLY * (whole - least) or some > FAR * least:
             return False
     return True
 
@@ -148,12 +177,14 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
     fitted and in the held-out recordings."""
     if beside is None:
         return False
-    pairs = [(beside.scene, beside.white, np.ones(len(beside.white), bool))]
+    noise = beside.scene.noise
+    pairs = [(beside.scene, alone.scene, beside.white, np.ones(len(beside.white), bool))]
     if held is not None and held.trials:
-        judged = replace(held, noise=beside.scene.noise)
-        pairs.append((judged, beside.held_white, alone.known & beside.known))
-    for scene, white, known in pairs:
-        without, nothing = alone.free.residuals(scene), scene.residuals(nominal)
+        judged, own = replace(held, noise=noise), alone.held or held
+        pairs.append((judged, own, beside.held_white, alone.known & beside.known))
+    for scene, own, white, known in pairs:
+        without = alone.free.residuals(replace(own, noise=noise))
+        nothing = scene.residuals(nominal)
         if without is None or nothing is None:
             return True
         if held_gain(scene.judge(without, known), white, known) < MARGIN:

@@ -1,0 +1,108 @@
+"""Maps fitted in the closed loop: Gauss-Newton along the motion that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.freemodel import (
+    RUNAWAY,
+    FreeModel,
+    FreeScreen,
+    Run,
+    evidence,
+    posterior,
+    run_of,
+    tables_of,
+)
+from ffl.diagnose.model import Model
+from ffl.systems.state_space import Array
+
+ROUNDS = 3  # Gauss-Newton rounds of a map in the closed loop, and
+MORE = 12  # as long as each takes off
+STILL = 0.02  # of the sum of squares: a map that does nearly all starts far from where it ends
+BENDING = 3  # first rounds of a map of the velocity, which damps the motion that it is read from:
+COARSE = 0.2  # least length in them, fine detail would be that of the wrong motion
+SMALL = 0.1  # sum of squares that ends the rounds
+
+
+def stepped(
+    screen: FreeScreen, free: FreeModel, rounds: int
+) -> tuple[FreeModel, Run, float] | None:
+    """The maps together with the model's own numbers after `rounds` rounds, of `ROUNDS` as many more
+    as bring much; what they leave, and what they took off the sum of squares. None where the
+    simulation leaves all bounds."""
+    now = run_of(screen.scene, free)
+    if now is None:
+        return None
+    first = cost = now.cost
+    for done in range(MORE if rounds == ROUNDS else rounds):
+        wanted = _step(screen, free, now, done < BENDING)
+        if wanted is None:
+            break
+        share, tried = 1.0, None
+        while share > 0.2 and not (tried and tried.cost < cost):
+            other = _between(free, wanted, share)
+            tried = run_of(screen.scene, other)
+            share *= 0.5
+        if not (tried and tried.cost < cost):
+            break
+        gained, cost, free, now = cost - tried.cost, tried.cost, other, tried
+        if gained < SMALL or (done + 1 >= rounds and gained < STILL * cost):
+            break
+    return free, now, first - cost
+
+
+def _step(screen: FreeScreen, free: FreeModel, now: Run, early: bool) -> FreeModel | None:
+    """The maps and numbers that explain `now` best to first order around `free`; `early`: a round in
+    which maps of the velocity are coarse."""
+    white, motions = now.white, now.motions
+    spans = [p.ranges for p in free.parts]
+    tables = tables_of(screen, [(p.term, p.place) for p in free.parts], spans, motions)
+    if not all(np.all(np.abs(t) < RUNAWAY) for t in tables):
+        return None
+    whole = white + _sum(tables, [p.coefficients for p in free.parts])
+    target = screen.beyond(whole + screen.from_nominal(free.model))
+    beyond = [screen.beyond(t) for t in tables]
+    priors = []
+    for k, (p, table) in enumerate(zip(free.parts, beyond, strict=True)):
+        others = [o.coefficients for o in free.parts]
+        others[k] = np.zeros_like(others[k])
+        least = COARSE if early and p.term.along == "velocity" else 0.0
+        priors.append(evidence(p.term, p.ranges, table, target - _sum(beyond, others), least))
+    coefficients = posterior([p.term for p in free.parts], spans, beyond, priors, target)
+    theta = free.model.theta
+    if len(theta):
+        theta = theta + _numbers(screen, free.model, whole - _sum(tables, coefficients))
+    parts = tuple(
+        replace(p, coefficients=c, length=e.length)
+        for p, c, e in zip(free.parts, coefficients, priors, strict=True)
+    )
+    return FreeModel(free.model.at(theta), parts)
+
+
+def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
+    """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as
+    far as they are believed (`Coordinate.doubt`)."""
+    j = screen.fit.jacobian
+    size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    belief = np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
+    stacked = np.vstack([j / size, np.diag(belief / size)])
+    target = np.append(left, -belief * model.theta)
+    return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size
+
+
+def _between(a: FreeModel, b: FreeModel, share: float) -> FreeModel:
+    """`share` of the way from `a` to `b`."""
+    theta = a.model.theta + share * (b.model.theta - a.model.theta)
+    parts = tuple(
+        replace(q, coefficients=p.coefficients + share * (q.coefficients - p.coefficients))
+        for p, q in zip(a.parts, b.parts, strict=True)
+    )
+    return FreeModel(b.model.at(theta), parts)
+
+
+def _sum(tables: Sequence[Array], coefficients: Sequence[Array]) -> Array:
+    return np.sum([t @ c for t, c in zip(tables, coefficients, strict=True)], axis=0)
