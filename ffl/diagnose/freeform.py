@@ -15,6 +15,7 @@ import numpy as np
 from ffl.diagnose.events import SHORT
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.freemodel import (
+    SENT,
     Evidence,
     FreeModel,
     FreeScreen,
@@ -41,6 +42,9 @@ FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
 ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
 WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
+RECORDED = (
+    2.0  # times the sum of squares that a map of what was recorded, noise and all, must leave
+)
 HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1), or
 UNTOLD = 200.0  # in the fitted ones, where it makes less than this of a difference to the others
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
@@ -225,6 +229,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         for t, p in entries_of(current.free.model)
         if (not names or t.name in names)
         and (t.name, p) not in taken
+        and (p.side != SENT or current.cost > RECORDED * len(current.white))
         and (t.port != "force" or force is None or p == force)
     ]
     ranked = _ranked(screen, current, entries, target)
@@ -326,6 +331,8 @@ def _earns(f: FreeForm, before: FreeForm) -> bool:
     """Enough in fitted and held-out recordings alike; a further map must not patch what the first one
     leaves imperfect."""
     fitted, held = f.evidence - before.evidence, _held(before, f)
+    if any(p.place.side == SENT for p in f.parts) and before.cost < RECORDED * f.cost:
+        return False  # feedback makes the command of the noise too (a null: 243 nats, 5 % of the squares)
     if before.parts and (fitted < SHARE * len(f.white) or held < SHARE * int(f.known.sum())):
         return False
     if not before.held_white.size:

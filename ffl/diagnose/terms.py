@@ -20,8 +20,8 @@ from ffl.systems.state_space import Array
 Ranges = Mapping[str, tuple[float, float]]
 LENGTHS = (0.03, 0.08, 0.2, 0.6)  # of the grid: how fast a map may vary
 JITTER = 1e-6
-FALLS = (0.2, 0.4, 0.7, 1.1)  # of the largest command, that a limit loses at the largest speed
-LEVELS = 17
+FALLS = (0.25, 0.5, 1.0)  # of the largest command, that a limit loses at the largest speed
+LEVELS = 14
 MEMORIES = 7  # time constants of a history, from a few samples to the length of a recording
 
 
