@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from ffl.diagnose.doubt import Doubt
 
 WORST = 1e30
+ASTRAY = 0.25  # of a round: one simulation instead of one for every number
+CLOSING = 0.7  # of the way to a goal that four rounds may leave
+PATIENCE = 32  # rounds at most on the way to a goal
 Key = tuple[str, str, int, tuple[str, int] | None]
 
 
@@ -240,10 +243,13 @@ def fit(
     rounds: int = 12,
     tolerance: float = 0.02,
     known: Mapping[Key, Array] | None = None,
+    goal: float | None = None,
 ) -> Fit:
     """Levenberg-Marquardt from `model`; stops where a step promises less than `tolerance` in the
-    sum of squares (in units of the noise). Broyden's rank-one update spares differences while the
-    steps do what they promise; columns `known` from elsewhere spare the first of them. The
+    sum of squares (in units of the noise), or after so many `rounds`: a step that leads astray is one
+    simulation and counts as a part of one. With a `goal`, a sum of squares that another hypothesis
+    reaches, it goes on as long as it closes in on that. Broyden's rank-one update spares differences
+    while the steps do what they promise; columns `known` from elsewhere spare the first of them. The
     corrections of the linear model pay for leaving their nominal values (`Coordinate.doubt`).
     """
     theta = model.theta
@@ -268,7 +274,14 @@ def fit(
     factors = None
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
-    for _ in range(rounds):
+    spent, last = 0.0, float(white @ white)
+    while spent < rounds:
+        if goal is not None and spent >= rounds - 1.0 and rounds < PATIENCE:
+            cost = float(white @ white)
+            if cost - goal > CLOSING * (last - goal):
+                break
+            rounds, last = rounds + 4, cost
+        spent += 1.0
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         factors = factors or triangle(j, white)
         step, promised = _step(*factors, damping, theta, lower, upper, pull, units)
@@ -305,6 +318,7 @@ def fit(
                 j, fresh = scene.whiten_stacked(columns), True
         elif fresh:
             damping = max(damping * 10.0, 1e-3)
+            spent -= 1.0 - ASTRAY
             if damping > 1e6:
                 status = "stalled"
                 break

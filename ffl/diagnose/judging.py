@@ -81,9 +81,9 @@ def judge(
         first = fit(scene, first.model, rounds=rounds, known=first.known())
     if held is not None and held.free_clocks and first.status != "diverged":
         held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
-    if first.status != "diverged" and not all(t.at_rest for t in scene.trials):
+    if first.status != "diverged" and (begun := with_starts(scene, first.model, 1)) is not scene:
         # A start estimated without this physics speaks against it: each rival has its own.
-        scene = with_starts(scene, first.model, 1)
+        scene = begun
         first = fit(scene, first.model, rounds=rounds, known=first.known())
     if held is not None and first.status != "diverged":
         held = with_starts(replace(held, noise=scene.noise), first.model, 1)

@@ -25,11 +25,15 @@ SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
 
-def with_best_start(scene: Scene, like: Fit, spec: EffectSpec) -> Model:
+def with_best_start(
+    scene: Scene, like: Fit, spec: EffectSpec, others: Sequence[EffectSpec] = ()
+) -> Model:
     """The model of `like` with the effect, in the form and with its decisive parameter at the rung
     of a ladder of simulations that leave least, whatever the numbers fitted in `like` can mend
-    beside it."""
+    beside it; `others`: further starts as they are."""
     starts = _rungs(scene, like.model, spec)
+    further = [like.model.with_effect(s) for s in others]
+    starts += [start.at(start.theta) for start in further]
     return _best(scene, like, starts) or starts[0]
 
 

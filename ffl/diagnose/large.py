@@ -26,7 +26,7 @@ from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import Place, places_of
 from ffl.diagnose.screen import Candidate, Screen
-from ffl.diagnose.settle import DRY
+from ffl.diagnose.settle import DRY, POINT
 from ffl.diagnose.simulated_scan import cogging_of
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.whitening import Whitener
@@ -51,7 +51,6 @@ FORMS = {  # of one physics: the plain one is named first, the others take its p
     "viscous_friction": ["quadratic_drag"],
     "linear_stiffness": ["hardening_spring"],
 }
-POINT = ("side", "mass_ratio")  # options that say where a force acts
 # Through a loop a ripple of the scale bends like any force along the position.
 SENSOR = {"encoder_ripple"}
 PLIABLE = SENSOR | {"position_dependent_friction", "drift", "periodic_disturbance", "backlash"}

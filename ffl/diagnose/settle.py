@@ -4,6 +4,7 @@ company, backward elimination and substitution."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from ffl.diagnose.fit import Scene, fit
@@ -33,6 +34,7 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
 )
 
 
+POINT = ("side", "mass_ratio")  # options that say where a force acts
 TIMED = {"periodic_disturbance", "drift"}
 
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
@@ -77,7 +79,7 @@ def settle(
             before = []  # the company has changed since
         others = [(name, current), *before[1:]]
         only = PLIABLE if before else None
-        trial = partial(_reached, quiet, held, current, without)
+        trial = partial(_reached, quiet, held, current, without, index)
         for rival, other, lines in each(
             trial, challengers(quiet, current, index, steps, reserve, only)
         ):
@@ -111,13 +113,21 @@ def settle(
 
 
 def _reached(
-    quiet: Scene, held: Scene | None, current: Judged, without: Judged, c: Candidate
+    quiet: Scene, held: Scene | None, current: Judged, without: Judged, index: int, c: Candidate
 ) -> tuple[str, Judged, list[str]]:
-    """What a challenger reaches in the place of the effect that `current` has and `without` has not:
-    its name, its fit and what there is to say of it."""
+    """What a challenger reaches in the place of effect `index` that `current` has and `without` has
+    not: its name, its fit and what there is to say of it. The same effect elsewhere may also begin
+    with the numbers that it has here, its harmonics among them."""
     lines: list[str] = []
-    start = with_best_start(quiet, c.like, c.spec)
-    other = judge(quiet, held, start, 4, c.like)
+    spec = current.model.effects[index]
+    others = []
+    if c.spec.name == spec.name:
+        kept = {k: v for k, v in spec.options.items() if k not in POINT}
+        others = [replace(spec, options={**kept, **c.place.options})]
+    start = with_best_start(quiet, c.like, c.spec, others)
+    goal = quiet.cost(current.model)
+    begun = fit(quiet, start, rounds=4, known=c.like.known(("correction", "given")), goal=goal)
+    other = judge(quiet, held, begun.model, 4, begun)
     least = current.score - HOPELESS * (current.score - without.score)
     if other.score > least:
         other = judge(quiet, held, other.model, 8, other.fit)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
+from ffl.diagnose.resting import winds
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
 from ffl.effects import EFFECTS
@@ -17,20 +18,67 @@ SECONDS = 1.0  # what the start still shows in
 SETTLED = 30.0  # time constants after which a drift is over
 PRIORS = (0.1, 1.0, 10.0)  # 1/doubts: a step that leads too far is tried shorter
 MOST = 8  # steps: directions that the first second shows faintly come in slowly
+TRAVELS = (-3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0)  # times the reach of a contact
+NEAR = (0.55, 0.75, 1.35, 1.8)  # times the best of these
+OPEN = 4.0  # sum of squares by which another start at rest must be better
 DONE = 0.1  # of the sum of squares in units of the noise: what one more step must bring
 
 
 def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     """The scene with the starts of recordings that begin in motion fitted under `model`, in at most
-    `rounds` steps each."""
+    `rounds` steps each, and those at rest with springs wound up or not, as they show it; the scene
+    itself where no start is open."""
+    if not open_starts(scene, model):
+        return scene
     trials = []
     for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
-        for _ in range(0 if trial.at_rest else rounds):
+        if trial.at_rest:
+            trials.append(_stood(model, trial, whitener))
+            continue
+        for _ in range(rounds):
             trial, gained = _improved(model, trial, whitener)
             if gained < DONE:
                 break
         trials.append(trial)
+    if all(a is b for a, b in zip(trials, scene.trials, strict=True)):
+        return scene
     return replace(scene, trials=tuple(trials))
+
+
+def open_starts(scene: Scene, model: Model) -> bool:
+    """Whether the model has a say in how a recording began."""
+    if not all(trial.at_rest for trial in scene.trials):
+        return True
+    if scene.loop.controller is None:
+        return False
+    return _reach(model) > 0 or winds(model.base.simulator, model.acting)
+
+
+def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
+    """The trial with springs and contacts wound up before the first sample, or let go there: what its
+    first second says. A machine that came to rest after a move is the one, a simulation the other."""
+    head = trial.head(min(len(trial), max(200, round(SECONDS / trial.sample_time))))
+
+    def cost(start: tuple[bool, float]) -> float:
+        run = model.simulate(replace(head, loaded=start[0], travel=start[1]))
+        return np.inf if run.diverged else float(np.sum(whitener(head.y - run.y) ** 2))
+
+    as_is = (trial.loaded, trial.travel)
+    both = (False, True) if winds(model.base.simulator, model.acting) else (trial.loaded,)
+    travels = {trial.travel, *(_reach(model) * share for share in TRAVELS)}
+    starts = [as_is, *((loaded, travel) for loaded in both for travel in travels)]
+    costs = [cost(start) for start in starts]
+    loaded, travel = starts[int(np.argmin(costs))]
+    near = [(loaded, travel * factor) for factor in NEAR] if travel else []
+    starts, costs = starts + near, costs + [cost(start) for start in near]
+    best = int(np.argmin(costs))
+    if not costs[best] < costs[0] - OPEN:
+        return trial
+    return replace(trial, loaded=starts[best][0], travel=starts[best][1])
+
+
+def _reach(model: Model) -> float:
+    return max((EFFECTS[s.name].reach(s.parameters) for s in model.acting), default=0.0)
 
 
 def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, float]:
@@ -47,7 +95,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
         return whole, 0.0
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
     sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
-    reach = max((EFFECTS[s.name].reach(s.parameters) for s in model.acting), default=0.0)
+    reach = _reach(model)
     size = len(at) + (reach > 0)
 
     def moved(trial: Trial, step: Array) -> Trial:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.linear import carried, discrete
+from ffl.diagnose.resting import winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
 from ffl.errors import InputError
@@ -45,6 +46,7 @@ class Trial:
     at_rest: bool
     mechanics: Mechanics
     travel: float = 0.0  # in one direction until the first sample, as near as it is known
+    loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
 
     def __len__(self) -> int:
         return len(self.y)
@@ -55,6 +57,12 @@ class Trial:
         units. A machine that holds a spring has had it for long."""
         command = self.u if np.isfinite(self.u[0]) else self.feedforward
         return float(command[0]) + (0.0 if self.load is None else float(self.load[0]))
+
+    @property
+    def holding(self) -> float:
+        """The command in the mean over the first samples, input units: noise left out."""
+        command = self.u if np.isfinite(self.u[0]) else self.feedforward
+        return float(np.mean(command[: max(8, min(40, len(self) // 50))]))
 
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
@@ -282,7 +290,11 @@ def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) 
     if simulator.mechanics is not trial.mechanics:
         start = carried(start, trial.mechanics, simulator.mechanics)
     shown = [(EFFECTS[s.name], s.parameters) for s in effects if EFFECTS[s.name].port == "output"]
-    if not trial.at_rest or not shown or simulator.plant.controller is None:
+    if not trial.at_rest or simulator.plant.controller is None:
+        return start
+    if trial.loaded and winds(simulator, effects):
+        start = wound(simulator, effects, trial.holding, start)
+    if not shown:
         return start
     unit = simulator.at_rest(1.0)[: simulator.n_plant]
     measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
