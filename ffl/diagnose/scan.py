@@ -94,7 +94,7 @@ def _over_position(motions: list[Motion], forces: list[Array], power: _Power, fe
     moves = np.concatenate([np.abs(np.diff(m.x)) for m in motions])
     usual = float(np.median(moves[moves > 0.05 * moves.max(initial=0.0)])) if moves.any() else 0.0
     numbers = np.arange(fewest, 400.0, 0.25) / max(np.ptp(joined_x), 1e-300)
-    numbers = numbers[numbers < max(0.3 / max(usual, 1e-300), numbers[2])]
+    numbers = numbers[numbers < max(0.5 / max(usual, 1e-300), numbers[2])]
     if not len(numbers):
         return numbers, numbers
     # Speeds in classes: the norm needs |H|^2 at speed * wave number only.
