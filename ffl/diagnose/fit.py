@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.optimize
 
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     from ffl.diagnose.doubt import Doubt
 
 WORST = 1e30
+LEAST_DAMPING = 1e-10
+TIGHT = 1e-12  # room at a bound, in units of the noise: what is there stays
+STALE = 4  # rank-one updates on which small steps are no longer believed to be all there is
+SLOW = 0.3  # of the sum of squares: a small step
 ASTRAY = 0.25  # of a round: one simulation instead of one for every number
 CLOSING = 0.7  # of the way to a goal that four rounds may leave
 PATIENCE = 32  # rounds at most on the way to a goal
@@ -274,7 +279,7 @@ def fit(
     factors = None
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
-    spent, last = 0.0, float(white @ white)
+    spent, last, stale = 0.0, float(white @ white), 0
     while spent < rounds:
         if goal is not None and spent >= rounds - 1.0 and rounds < PATIENCE:
             cost = float(white @ white)
@@ -308,8 +313,9 @@ def fit(
             change = white - tried_white - j @ moved
             raw = np.concatenate(residuals) - np.concatenate(tried) - columns @ moved
             theta, model, residuals, white = trial_theta, candidate, tried, tried_white
-            damping *= 0.2 if ratio > 0.5 else 2.0
-            if ratio > 0.7:
+            damping = max(0.2 * damping, LEAST_DAMPING) if ratio > 0.5 else 2.0 * damping
+            stale = 0 if fresh else stale + 1
+            if ratio > 0.7 and not (stale >= STALE and gained < SLOW * (white @ white)):
                 j, columns = j + np.outer(change, secant), columns + np.outer(raw, secant)
                 fresh = False
             elif gained > tolerance:
@@ -350,28 +356,22 @@ def _step(
     pull: Array,
     units: Array,
 ) -> tuple[Array, float]:
-    """From R and Q' white of the Jacobian, the damped step within the bounds and the decrease the
-    linear model promises for it; `pull` draws theta to zero with so many standard deviations per
+    """From R and Q' white of the Jacobian, the damped step that is best within the bounds and the
+    decrease the linear model promises for it; `pull` draws theta to zero with so many standard deviations per
     unit. What moves nothing by its own size (`units`) stays."""
-    p = len(theta)
     white_in = np.append(seen, -pull * theta)
     r = np.vstack([r, np.diag(pull)])
     scale = np.linalg.norm(r, axis=0)
     free = scale * units > 1e-10 * max((scale * units).max(), 1e-300)
-    step = np.zeros(p)
-    for _ in range(3):
-        index = np.flatnonzero(free)
-        if not len(index):
-            break
-        target = white_in - r @ np.where(free, 0.0, step)
-        stacked = np.vstack([r[:, index] / scale[index], np.sqrt(damping) * np.eye(len(index))])
-        padded = np.append(target, np.zeros(len(index)))
-        solution = np.linalg.lstsq(stacked, padded, rcond=1e-12)[0]
-        step[index] = solution / scale[index]
-        out = free & ((theta + step < lower) | (theta + step > upper))
-        if not out.any():
-            break
-        step[out] = np.clip(theta + step, lower, upper)[out] - theta[out]
-        free = free & ~out
+    index, step = np.flatnonzero(free), np.zeros(len(theta))
+    if not len(index):
+        return step, 0.0
+    stacked = np.vstack([r[:, index] / scale[index], np.sqrt(damping) * np.eye(len(index))])
+    padded = np.append(white_in, np.zeros(len(index)))
+    step[index] = np.linalg.lstsq(stacked, padded, rcond=1e-12)[0] / scale[index]
+    if np.any((theta + step < lower) | (theta + step > upper)):
+        room = (lower - theta)[index] * scale[index], (upper - theta)[index] * scale[index]
+        room = (np.minimum(room[0], -TIGHT), np.maximum(room[1], TIGHT))
+        step[index] = scipy.optimize.lsq_linear(stacked, padded, room, "bvls").x / scale[index]
     left = white_in - r @ step
     return step, float(white_in @ white_in - left @ left)

@@ -40,7 +40,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
-from ffl.diagnose.settle import DRY, PLIABLE, SUBSTITUTE, TIMED, excluded, settle
+from ffl.diagnose.settle import DRY, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts
 
@@ -86,6 +86,12 @@ def contest(
             base, contenders = settle(
                 quiet, held, base, steps, reserve, say, last_contenders if again else {}
             )
+            one = one_for_two(quiet, held, base, say)
+            if one is not base:
+                base, contenders = (
+                    one,
+                    {k: v for k, v in contenders.items() if k in one.model.names},
+                )
         error = raw_error(held, base.model)
         if steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
             now, then = levelled([base, steps[-1].before])

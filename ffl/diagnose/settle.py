@@ -112,6 +112,33 @@ def settle(
     return current, contenders
 
 
+def one_for_two(
+    quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
+) -> Judged:
+    """A pliable form in the place of a dry friction and of a force by position beside it, which may be
+    two halves of it, where it does more than both."""
+    names = current.model.names
+    friction = next((i for i, n in enumerate(names) if n in DRY - PLIABLE), None)
+    if friction is None:
+        return current
+    best, goal = current, quiet.cost(current.model)
+    for other, name in enumerate(names):
+        if other == friction or "position" not in EFFECTS[name].depends_on:
+            continue
+        if name in current.model.proven:
+            continue
+        company = current.model.without(max(friction, other)).without(min(friction, other))
+        like = fit(quiet, company, rounds=0)
+        for c in Screen(quiet, like).candidates(sorted(PLIABLE))[:2]:
+            start = with_best_start(quiet, like, c.spec)
+            begun = fit(quiet, start, rounds=4, known=like.known(), goal=goal)
+            one = refined(quiet, held, judge(quiet, held, begun.model, 6, begun), say)
+            one, two, best = levelled([one, current, best])
+            say(f"  {c.spec.name} for {names[friction]} and {name}: {one.score - two.score:+.1f}")
+            best = max(best, one, key=lambda j: j.score)
+    return best if best.score > current.score + SUBSTITUTE else current
+
+
 def _reached(
     quiet: Scene, held: Scene | None, current: Judged, without: Judged, index: int, c: Candidate
 ) -> tuple[str, Judged, list[str]]:
