@@ -357,8 +357,8 @@ def _step(
     units: Array,
 ) -> tuple[Array, float]:
     """From R and Q' white of the Jacobian, the damped step that is best within the bounds and the
-    decrease the linear model promises for it; `pull` draws theta to zero with so many standard deviations per
-    unit. What moves nothing by its own size (`units`) stays."""
+    decrease the linear model promises for it; `pull` draws theta to zero with so many standard
+    deviations per unit. What moves nothing by its own size (`units`) stays."""
     white_in = np.append(seen, -pull * theta)
     r = np.vstack([r, np.diag(pull)])
     scale = np.linalg.norm(r, axis=0)

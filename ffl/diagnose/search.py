@@ -86,7 +86,7 @@ def contest(
             base, contenders = settle(
                 quiet, held, base, steps, reserve, say, last_contenders if again else {}
             )
-            one = one_for_two(quiet, held, base, say)
+            one = base if again else one_for_two(quiet, held, base, say)
             if one is not base:
                 base, contenders = (
                     one,

@@ -104,7 +104,7 @@ def settle(
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
         if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
             best_name, current = simpler
-        elif best.score > current.score + SUBSTITUTE:
+        elif best.score > current.score + (0.0 if _fewer(best, current) else SUBSTITUTE):
             current = best
         else:
             best_name = name
@@ -166,8 +166,11 @@ def _reached(
 
 def _plainer(rival: Judged, current: Judged) -> bool:
     """Fewer numbers, where the data do not see the further ones."""
-    fewer = len(rival.model.coordinates) < len(current.model.coordinates)
-    return fewer and rival.freedom >= current.freedom
+    return _fewer(rival, current) and rival.freedom >= current.freedom
+
+
+def _fewer(rival: Judged, current: Judged) -> bool:
+    return len(rival.model.coordinates) < len(current.model.coordinates)
 
 
 def challengers(
