@@ -165,20 +165,20 @@ def carried(state: Array, before: Mechanics, after: Mechanics) -> Array:
     n = before.own
     if n != after.own:
         return state
-    seen, wanted = _readings(before), _readings(after)
+    seen, wanted = _readings(before, before), _readings(after, before)
     moved = np.linalg.lstsq(wanted, seen @ state[:n], rcond=1e-13)[0]
     return np.concatenate([moved, state[n:]])
 
 
-def _readings(mechanics: Mechanics) -> Array:
-    """Rows that read the state of the plant itself in units of its own frequencies."""
+def _readings(mechanics: Mechanics, scale: Mechanics) -> Array:
+    """Rows that read the state of the plant itself, in units of the frequencies of `scale`."""
     n = mechanics.own
     rows = []
-    for mode in mechanics.modes:
-        rate = max(np.sqrt(abs(mode.stiffness)), abs(mode.damping), BOUND)
+    for mode, unit in zip(mechanics.modes, scale.modes, strict=True):
+        rate = max(np.sqrt(abs(unit.stiffness)), abs(unit.damping), BOUND)
         rows += [mode.position[:n], mode.velocity[:n] / rate]
     row = mechanics.rest[:n]
-    rate = max(float(np.abs(np.linalg.eigvals(mechanics.a[:n, :n])).max(initial=0.0)), BOUND)
+    rate = max(float(np.abs(np.linalg.eigvals(scale.a[:n, :n])).max(initial=0.0)), BOUND)
     for _ in range(n - 2 * len(mechanics.modes)):
         rows.append(row)
         row = row @ mechanics.a[:n, :n] / rate
