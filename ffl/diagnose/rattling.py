@@ -4,7 +4,8 @@ The contest judges by free runs. Around a coupling with play two free runs of on
 `switching`), so there the right answer with the right numbers leaves as much as none at all. Here
 the play is fitted to what the switching filter leaves from sample to sample, the linear model's
 corrections, mass ratio and contact damping beside it, and its likelihood stands against that of what
-the contest came to: both are log p(y | r) of the same samples.
+the contest came to: both are log p(y | r) of the same samples. Effects of the drive and of the scale that
+the contest named are taken out of the recordings, their numbers free like the others.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.company import separable, without
 from ffl.diagnose.fit import Fit, Scene, surprise
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.linear import BOUND
-from ffl.diagnose.model import Model
+from ffl.diagnose.model import Coordinate, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.switching import Switching
@@ -36,6 +38,7 @@ SHARES, FREQUENCIES, STICKY = (0.25, 0.5, 0.75), (60.0, 130.0), 0.2  # of a load
 STARTS = 3  # forms of the grid that are looked at more closely
 LEAST_SHARE = 0.03  # of the mass: as good as none behind the gap
 LOG_STEP, CONTACT_STEP = 0.01, 0.02  # of a logarithm; of one of the contact's
+COMPANY_STEP = 0.01  # of an effect's own size
 GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fit look at
 # Times the force noise: what it is more than stated holds the state to what is seen, as long as the
 # numbers are off, and makes one broad valley of many narrow ones.
@@ -55,7 +58,8 @@ BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model with one backlash between two masses, its contact's damping free, and the noise."""
+    """A model with one backlash between two masses as its last effect, its contact's damping free, and
+    the noise."""
 
     model: Model
     noise: Noise
@@ -63,7 +67,7 @@ class Hypothesis:
     @classmethod
     def of(cls, model: Model, gap: float, options: Mapping[str, Any], noise: Noise) -> Hypothesis:
         spec = EffectSpec("backlash", {"gap": float(gap)}, options)
-        return cls(replace(model, effects=(spec,)), noise)
+        return cls(replace(model, effects=(*model.effects, spec)), noise)
 
     @property
     def theta(self) -> Array:
@@ -75,12 +79,14 @@ class Hypothesis:
     @property
     def steps(self) -> Array:
         """Differences for derivatives: larger than what the moment of a contact jumps by."""
-        steps = np.array([
-            (CONTACT_STEP if c.effect >= 0 else LOG_STEP) if c.log else 0.2 * c.scale
-            for c in self.model.coordinates
-        ])  # fmt: skip
+        steps = np.array([self._step(c) for c in self.model.coordinates])
         steps[self.gap_at] = 0.01 * max(self.theta[self.gap_at], 1e-5 * self.model.base.travel)
         return steps
+
+    def _step(self, c: Coordinate) -> float:
+        if c.log:
+            return CONTACT_STEP if c.effect >= 0 else LOG_STEP
+        return (COMPANY_STEP if c.kind == "effect" else 0.2) * c.scale
 
     @property
     def gap_at(self) -> int:
@@ -100,7 +106,9 @@ class Hypothesis:
             return None
         if switching is None:
             return None
-        pairs = [switching.predict(trial, self.noise) for trial in trials]
+        others = self.model.effects[:-1]
+        seen = [without(trial, others) if others else trial for trial in trials]
+        pairs = [switching.predict(trial, self.noise) for trial in seen]
         e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         white = e / s
         return (white, np.log(s)) if np.all(np.isfinite(white)) else None
@@ -124,8 +132,8 @@ def with_rattling(
     scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
 ) -> Outcome:
     """`outcome`, or, where a play in the coupling foretells fitted and held-out recordings clearly
-    better than all that the contest named, that play alone; `told`: the model with no effect,
-    `prior`: noise as the plant file states it."""
+    better than all that the contest named, that play with what the contest named of the drive and the
+    scale; `told`: the model with no effect, `prior`: noise as the plant file states it."""
     if held is None or told.acting:
         return outcome
     if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
@@ -139,6 +147,8 @@ def with_rattling(
         return outcome
     if rigid and "backlash" in standing.model.names:
         return outcome  # a play that the free runs bear out, say of the measuring head
+    beside = tuple(spec for spec in standing.model.effects if separable(spec))
+    told = replace(told, effects=beside)
     levels = LOOSENESS if loud else LOOSENESS[QUIET:]
     begun, levels = start(scene, told, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
@@ -155,7 +165,8 @@ def with_rattling(
         return outcome
     name = before.model.names[0] if before.model.names else "nothing"
     step = Step(before, (), (judged,), judged)
-    contenders = {"backlash": [("backlash", judged), (name, before)]}
+    kept = {k: v for k, v in outcome.contenders.items() if k in judged.model.names}
+    contenders = {**kept, "backlash": [("backlash", judged), (name, before)]}
     return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
 
 
@@ -307,17 +318,19 @@ def _moved(
     *,
     mass: bool = False,
 ) -> Hypothesis:
-    """Gap and what else the play has, and the mass, moved one by one as long as it helps: where the
+    """Gap and what else the effects have, and the mass, moved one by one as long as it helps: where the
     load is out of sight within the gap, the moments of contact jump with every number, and
     derivatives say little."""
     worth = point.worth(trials)
-    moving = [*(point.masses if mass else ()), *range(point.gap_at, len(point.theta))]
+    coordinates = point.model.coordinates
+    own = [k for k, c in enumerate(coordinates) if c.kind != "correction"]
     for size in sizes:
-        for k in moving:
+        for k in [*(point.masses if mass else ()), *own]:
+            unit = 1.0 if coordinates[k].log or k in point.masses else coordinates[k].scale
             for sign in (1.0, -1.0):
                 for _ in range(TRIES):
                     theta = point.theta
-                    theta[k] += sign * size * (theta[k] if k == point.gap_at else 1.0)
+                    theta[k] += sign * size * (theta[k] if k == point.gap_at else unit)
                     tried = point.at(theta)
                     value = tried.worth(trials)
                     if not value > worth:

@@ -134,7 +134,8 @@ def _filter(y, u, x, p, moves, pushes, kick, spread, rows, law, white, again, su
 
 @dataclass(frozen=True)
 class Switching:
-    """The plant of a model whose one effect is a backlash with a contact, ready to predict.
+    """The plant of a model whose last effect is a backlash with a contact, ready to predict; of others
+    nothing is in it.
 
     In the order stretch, rate and output, its rate (rates times the sample time) the states have
     like sizes, which a covariance needs.
@@ -157,8 +158,9 @@ class Switching:
 
     @classmethod
     def of(cls, model: Model) -> Switching | None:
-        """None where the plant is not one of two masses on a spring, with or without the effect."""
-        (spec,) = model.effects
+        """None where the plant is not one of two masses on a spring, with or without the effect, which
+        is the last of the model's."""
+        spec = model.effects[-1]
         effect = EFFECTS[spec.name]
         linear = corrected(model.base.simulator.mechanics, dict(model.corrections))
         setting = Setting(model.base.simulator.force_per_input, linear, spec.options)

@@ -1,0 +1,58 @@
+"""Recordings as a machine sees them that lies between effects of its drive and of its scale.
+
+What limits, delays or bends the command does so to the command as recorded; what the scale adds it adds
+by the position, which y is but for as much. Taken out of a recording, the rest can be predicted
+from sample to sample by a plant without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.trials import Trial
+from ffl.effects import EFFECTS, Effect, Motion
+from ffl.machines.simulator import Simulator
+from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
+from ffl.systems.zpk import Zpk
+
+BY_COMMAND = frozenset({"command", "time"})  # what an effect of the drive alone depends on
+BY_POSITION = frozenset({"encoder_ripple", "position_dependent_gain"})  # sums of their regressors
+
+
+def separable(spec: EffectSpec) -> bool:
+    """Whether `without` can take the effect out of a recording."""
+    return _drives(EFFECTS[spec.name]) or spec.name in BY_POSITION
+
+
+def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:
+    """The trial with the command that reaches the machine and the position that the scale saw."""
+    u, y = trial.u, trial.y
+    drive = [s for s in effects if _drives(EFFECTS[s.name])]
+    if drive:
+        unit = Zpk(np.array([-1.0]), np.array([1.0, 1.0]), 1.0, trial.sample_time)
+        wire = Simulator(Plant("drive", unit), open_loop=True)
+        run = wire.run(drive, feedforward=u, before=trial.before)
+        u = u + run.contribution.sum(axis=1)
+    for spec in effects:
+        effect = EFFECTS[spec.name]
+        if _drives(effect):
+            continue
+        added = _added(spec, trial)
+        u, y = (u + added, y) if effect.port == "command" else (u, y - added)
+    return replace(trial, u=u, y=y)
+
+
+def _drives(effect: Effect) -> bool:
+    return effect.port == "command" and set(effect.depends_on) <= BY_COMMAND
+
+
+def _added(spec: EffectSpec, trial: Trial) -> Array:
+    effect, v = EFFECTS[spec.name], np.gradient(trial.y, trial.sample_time)
+    motion = Motion(trial.t, trial.reference, trial.u, trial.y, v, 0.0 * v, trial.sample_time, 1.0)
+    values = effect.check(spec)
+    columns = effect.regressors(motion, **effect.nonlinear_of(values))
+    return np.asarray(columns @ effect.coefficients_of(values))
