@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,12 +15,14 @@ from ffl.diagnose.screen import Candidate
 from ffl.diagnose.starts import with_clocks
 
 GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
+PLACES = 2  # of one effect that are fitted on
 PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
 
 
 def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list[Fit]:
     """A few steps of every entrant from its best start; those that take off a good part of what the
-    best of them does."""
+    best of them does, of one effect at many places the two that do most: it is moved to the others
+    when it stands."""
     before = quiet.residuals(base.model)
     cost = 0.0 if before is None else float(np.sum(quiet.whiten(before) ** 2))
 
@@ -30,4 +33,10 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
 
     fits = each(begun, entrants)
     most = max((cost - f.cost for f in fits), default=0.0)
-    return [f for f in fits if cost - f.cost >= PROMISING * most]
+    chosen, count = [], Counter[str]()
+    for f in sorted(fits, key=lambda f: f.cost):
+        name = f.model.names[-1]
+        count[name] += 1
+        if count[name] <= PLACES and cost - f.cost >= PROMISING * most:
+            chosen.append(f)
+    return chosen
