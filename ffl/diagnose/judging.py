@@ -190,7 +190,7 @@ def noise_error(held: Scene | None, judged: Scene) -> float:
     return held.samples * float(np.mean(density))
 
 
-def _mean_square(judged: Judged) -> float:
+def mean_square(judged: Judged) -> float:
     """Of the whitened held-out residual; 1 where there is none."""
     return float(np.mean(judged.held_white**2)) if len(judged.held_white) else 1.0
 
@@ -204,7 +204,7 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     if base.model.effects:  # the first one's imperfection must not be patched with a second
         if fitted < SHARE * len(base.fit.white):
             return False
-        drop = _mean_square(base) / _mean_square(rival)
+        drop = mean_square(base) / mean_square(rival)
         if held < SHARE * len(base.held_white) and drop < CLEARLY and not sure:
             return False
     if threshold and len(base.held_white) and held < CONFIRMED and not sure:

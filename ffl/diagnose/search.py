@@ -29,6 +29,7 @@ from ffl.diagnose.judging import (
     granted,
     judge,
     levelled,
+    mean_square,
     noise_error,
     raw_error,
     raw_residuals,
@@ -48,6 +49,7 @@ FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
+HALF = 0.5
 NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
 
 
@@ -193,7 +195,8 @@ def plain_lags(
 def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
     """Those of `rivals` that bring much more than noise alone does to their numbers in the machine as
     `base` names it: with play, stick or a dead zone it answers noise with slow motions of its own, in
-    which a spring or a load finds hundreds of nats."""
+    which a spring or a load finds hundreds of nats. What leaves less than `HALF` of the held-out sum
+    of squares, where chance knows nothing of it, needs no such proof."""
     scene, model = base.scene, base.model
     alike = imitated(model.plant(), scene.trials, scene.noise, np.random.default_rng(0))
     out = []
@@ -207,7 +210,8 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
             for e in (rival.scene.whiten(one.y) for one in alike)
         ]
         usual = float(np.mean(brought)) if brought else 0.0
-        if rival.fitted - base.fitted > NOISY * usual or usual < np.sum(own):
+        halved = mean_square(rival) < HALF * mean_square(base)
+        if halved or rival.fitted - base.fitted > NOISY * usual or usual < np.sum(own):
             out.append(rival)
     return out
 

@@ -132,6 +132,8 @@ def one_for_two(
         for c in Screen(quiet, like).candidates(sorted(PLIABLE))[:2]:
             start = with_best_start(quiet, like, c.spec)
             begun = fit(quiet, start, rounds=4, known=like.known(), goal=goal)
+            if begun.cost - goal > HOPELESS * (quiet.cost(company) - goal):
+                continue
             one = refined(quiet, held, judge(quiet, held, begun.model, 6, begun), say)
             one, two, best = levelled([one, current, best])
             say(f"  {c.spec.name} for {names[friction]} and {name}: {one.score - two.score:+.1f}")
