@@ -24,7 +24,7 @@ from ffl.diagnose.result import Diagnosis, Finding, Number
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.unnamed import Contest, compare
-from ffl.diagnose.verdict import verdict
+from ffl.diagnose.verdict import LOUD, loudness, verdict
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
@@ -74,6 +74,7 @@ def conclude(
         said, place = "nothing_missing", where.Place("", "", ())
     trusted = not standing.predicted
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
+    another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     worse = trusted and not proof.nrmse_after < WORSE * proof.nrmse_before
     seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
     if effects and worse and said != "unnamed":

@@ -49,9 +49,8 @@ def open_starts(scene: Scene, model: Model) -> bool:
     """Whether the model has a say in how a recording began."""
     if not all(trial.at_rest for trial in scene.trials):
         return True
-    if scene.loop.controller is None:
-        return False
-    return _reach(model) > 0 or winds(model.base.simulator, model.acting)
+    closed = scene.loop.controller is not None
+    return _reach(model) > 0 or (closed and winds(model.base.simulator, model.acting))
 
 
 def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
