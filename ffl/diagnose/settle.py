@@ -138,7 +138,8 @@ def one_for_two(
             one, two, best = levelled([one, current, best])
             say(f"  {c.spec.name} for {names[friction]} and {name}: {one.score - two.score:+.1f}")
             best = max(best, one, key=lambda j: j.score)
-    return best if best.score > current.score + SUBSTITUTE else current
+    ahead, behind = levelled([best, current])
+    return best if ahead.score > behind.score + SUBSTITUTE else current
 
 
 def _reached(
