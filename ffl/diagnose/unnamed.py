@@ -16,7 +16,7 @@ from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, UNTOLD, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
 from ffl.diagnose.imitate import imitated
-from ffl.diagnose.judging import LOST
+from ffl.diagnose.judging import LOST, OPEN
 from ffl.diagnose.model import Model
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
@@ -135,7 +135,8 @@ def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
 def _gains(
     scene: Scene, held: Scene | None, standing: Model, alone: FreeForm
 ) -> tuple[float, float]:
-    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise."""
+    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise. What
+    held-out recordings gain by corrections that the fitted ones leave open is no map's."""
     quiet = replace(scene, noise=alone.scene.noise)
     left = quiet.residuals(standing)
     if left is None:
@@ -144,11 +145,16 @@ def _gains(
     fitted = held_gain(quiet.whiten(left), alone.white, all_of_it)
     if held is None or not held.trials:
         return fitted, fitted
-    judged = replace(held, noise=alone.scene.noise)
-    left = judged.residuals(standing)
-    if left is None:
-        return fitted, np.inf
-    return fitted, held_gain(judged.judge(left, alone.known), alone.held_white, alone.known)
+    judged, bare = replace(held, noise=alone.scene.noise), alone.free.model
+    rivals = [standing]
+    if not standing.effects and 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
+        rivals.append(bare)
+    gained = []
+    for rival in rivals:
+        left = judged.residuals(rival)
+        white = None if left is None else judged.judge(left, alone.known)
+        gained.append(np.inf if white is None else held_gain(white, alone.held_white, alone.known))
+    return fitted, min(gained)
 
 
 def _nearly(
