@@ -194,6 +194,8 @@ def challengers(
     for step in steps:
         if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
             names += [r.model.names[-1] for r in step.rivals[:4]]
+        elif step.accepted is not None:  # who was there before, if it no longer is
+            names.append(step.accepted.model.names[-1])
     company = current.model.without(index)
     taken = excluded(company) | reserve
     wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]
