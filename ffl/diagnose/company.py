@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from ffl.diagnose.trials import Trial
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.machines.simulator import Simulator
 from ffl.systems.plant import EffectSpec, Plant
-from ffl.systems.state_space import Array
 from ffl.systems.zpk import Zpk
 
 BY_COMMAND = frozenset({"command", "time"})  # what an effect of the drive alone depends on
@@ -33,15 +33,13 @@ def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:
     u, y = trial.u, trial.y
     drive = [s for s in effects if _drives(EFFECTS[s.name])]
     if drive:
-        unit = Zpk(np.array([-1.0]), np.array([1.0, 1.0]), 1.0, trial.sample_time)
-        wire = Simulator(Plant("drive", unit), open_loop=True)
-        run = wire.run(drive, feedforward=u, before=trial.before)
+        run = _drive(trial.sample_time).run(drive, feedforward=u, before=trial.before)
         u = u + run.contribution.sum(axis=1)
     for spec in effects:
         effect = EFFECTS[spec.name]
         if _drives(effect):
             continue
-        added = _added(spec, trial)
+        added = effect.signal(spec, _motion(trial))
         u, y = (u + added, y) if effect.port == "command" else (u, y - added)
     return replace(trial, u=u, y=y)
 
@@ -50,9 +48,14 @@ def _drives(effect: Effect) -> bool:
     return effect.port == "command" and set(effect.depends_on) <= BY_COMMAND
 
 
-def _added(spec: EffectSpec, trial: Trial) -> Array:
-    effect, v = EFFECTS[spec.name], np.gradient(trial.y, trial.sample_time)
-    motion = Motion(trial.t, trial.reference, trial.u, trial.y, v, 0.0 * v, trial.sample_time, 1.0)
-    values = effect.check(spec)
-    columns = effect.regressors(motion, **effect.nonlinear_of(values))
-    return np.asarray(columns @ effect.coefficients_of(values))
+@lru_cache(maxsize=4)
+def _drive(sample_time: float) -> Simulator:
+    """A drive by itself: the mass behind it is of no matter to what the command becomes."""
+    mass = Zpk(np.array([-1.0]), np.array([1.0, 1.0]), 1.0, sample_time)
+    return Simulator(Plant("drive", mass), open_loop=True)
+
+
+def _motion(trial: Trial) -> Motion:
+    """As measured."""
+    v = np.gradient(trial.y, trial.sample_time)
+    return Motion(trial.t, trial.reference, trial.u, trial.y, v, 0.0 * v, trial.sample_time)

@@ -26,7 +26,7 @@ from ffl.diagnose.freemodel import (
 )
 from ffl.diagnose.freestep import ROUNDS, stepped
 from ffl.diagnose.imitate import TRUST
-from ffl.diagnose.judging import CLEANER, PASSES, QUIET, effective
+from ffl.diagnose.judging import CLEANER, PASSES, QUIET, UNTOLD, effective, promise
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
@@ -42,11 +42,8 @@ FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
 ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
 WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
-RECORDED = (
-    2.0  # times the sum of squares that a map of what was recorded, noise and all, must leave
-)
-HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1), or
-UNTOLD = 200.0  # in the fitted ones, where it makes less than this of a difference to the others
+RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
+HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
 
@@ -343,12 +340,10 @@ def _earns(f: FreeForm, before: FreeForm) -> bool:
 
 
 def _promise(before: FreeForm, after: FreeForm) -> float:
-    """Log-likelihood of the held-out recordings that the maps would bring in the mean, if they were
-    right: half the square of the difference they make there, in units of the noise."""
+    """See `promise`, where the maps are known."""
     if not before.held_white.size:
         return np.inf
-    difference = (before.held_white - after.held_white)[after.known]
-    return 0.5 * float(difference @ difference)
+    return promise(after.held_white[after.known], before.held_white[after.known])
 
 
 def _held(before: FreeForm, after: FreeForm) -> float:

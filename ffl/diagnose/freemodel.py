@@ -13,7 +13,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.terms import Ranges, Term
-from ffl.diagnose.trials import SETTLE, Trial, start_of
+from ffl.diagnose.trials import Trial, behind_sensor, start_of
 from ffl.diagnose.triangle import triangle
 from ffl.effects import Motion
 from ffl.errors import InputError
@@ -115,16 +115,12 @@ class FreeModel:
         shown = [p for p in self.parts if p.place.port == "output"]
         if not trial.at_rest or not shown or simulator.plant.controller is None:
             return start
-        unit = simulator.at_rest(1.0)[: simulator.n_plant]
-        measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
-        position, zero = measured, np.zeros(2)
-        for _ in range(SETTLE):
-            x = np.full(2, position)
-            still = Motion(zero, x, zero, x, zero, zero, trial.sample_time)
-            position = measured - sum(float(p.signal(still)[0]) for p in shown)
-        start = start.copy()
-        start[: simulator.n_plant] += (position - measured) * unit
-        return start
+
+        def added(position: float) -> float:
+            still = Motion.still(position, trial.sample_time)
+            return sum(float(p.signal(still)[0]) for p in shown)
+
+        return behind_sensor(simulator, start, added)
 
     def residuals(self, scene: Scene) -> list[Array] | None:
         out = []

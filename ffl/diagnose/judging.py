@@ -28,7 +28,7 @@ BINS = 4096  # frequencies over which noise is summed up
 # and 90 and 180 held out:
 CONFIRMED = 4.0  # log-likelihood that held-out recordings must gain from a first effect, else
 UNCONFIRMED = 60.0  # the score that it must bring
-UNTOLD = 150.0  # of it in the fitted ones, where the held-out ones can hardly show the effect
+UNTOLD = 200.0  # of it in the fitted ones, where the held-out ones can hardly show the effect
 LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
 OPEN = 4.0  # log-likelihood of the fitted recordings by which corrections are as good as others
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
@@ -206,7 +206,7 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
         if fitted < SHARE * len(base.fit.white):
             return False
         drop, share = mean_square(base) / mean_square(rival), SHARE * len(base.held_white)
-        untold = fitted > UNTOLD and _promise(rival, base) < share
+        untold = fitted > UNTOLD and promise(rival.held_white, base.held_white) < share
         if held < share and drop < CLEARLY and not (sure or untold):
             return False
     if threshold and len(base.held_white) and held < CONFIRMED and not sure:
@@ -221,12 +221,12 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     return lost and _under_its_noise(rival, base) > max(LEAST, BOTH * held)
 
 
-def _promise(rival: Judged, base: Judged) -> float:
-    """What held-out recordings would bring in the mean if the rival were right: half the square of the
-    difference that it makes there, in units of the noise."""
-    if len(rival.held_white) != len(base.held_white):
+def promise(rival: Array, base: Array) -> float:
+    """Log-likelihood that held-out recordings would bring in the mean if the rival were right: half the
+    square of the difference that it makes there, in units of the noise; infinite where none judge."""
+    if not len(base) or len(rival) != len(base):
         return np.inf
-    return 0.5 * float(np.sum((rival.held_white - base.held_white) ** 2))
+    return 0.5 * float(np.sum((rival - base) ** 2))
 
 
 def _under_its_noise(rival: Judged, base: Judged) -> float:

@@ -31,14 +31,14 @@ def with_best_start(
     """The model of `like` with the effect, in the form and with its decisive parameter at the rung
     of a ladder of simulations that leave least, whatever the numbers fitted in `like` can mend
     beside it; `others`: further starts as they are."""
-    starts = _rungs(scene, like.model, spec)
-    further = [like.model.with_effect(s) for s in others]
-    starts += [start.at(start.theta) for start in further]
+    starts = _rungs(scene, like.model, spec, others)
     return _best(scene, like, starts) or starts[0]
 
 
-def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
-    """All starts within bounds."""
+def _rungs(
+    scene: Scene, model: Model, spec: EffectSpec, others: Sequence[EffectSpec] = ()
+) -> list[Model]:
+    """All starts within bounds, `others` last."""
     forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
     values = [spec.parameters]
     ladder = EFFECTS[spec.name].ladder
@@ -53,7 +53,7 @@ def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
         for form in forms
         for p in values
     ]
-    starts = [model.with_effect(s) for s in tried]
+    starts = [model.with_effect(s) for s in (*tried, *others)]
     return [start.at(start.theta) for start in starts]
 
 

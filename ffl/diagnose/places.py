@@ -12,6 +12,8 @@ from ffl.effects import EFFECTS, Effect
 from ffl.effects.cascade import BETWEEN, OUT, lags
 from ffl.systems.state_space import Array
 
+POINT = ("side", "mass_ratio")  # options that say where a force acts
+
 
 @dataclass(frozen=True)
 class Place:

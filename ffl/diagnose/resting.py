@@ -42,13 +42,9 @@ def wound(
         if _holds(spec):
             hold = point.force[:n]
             continue
-        at = np.full(2, float(point.position[:n] @ start[:n]))
-        still = np.zeros(2)
-        motion = Motion(still, still, still, at, still, still, m.sample_time, 1.0)
-        values = effect.check(spec)
-        columns = effect.regressors(motion, **effect.nonlinear_of(values))
-        force = float(columns[0] @ effect.coefficients_of(values))
-        pull = pull + point.force[:n] * (force / simulator.force_per_input)
+        still = Motion.still(float(point.position[:n] @ start[:n]), m.sample_time)
+        force = float(effect.signal(spec, still)[0]) / simulator.force_per_input
+        pull = pull + point.force[:n] * force
     system = np.block([[m.a[:n, :n], hold[:, None]], [m.c[None, :n], np.zeros((1, 1))]])
     scale = np.abs(system).max(axis=1, keepdims=True)
     scale[scale == 0] = 1.0

@@ -49,7 +49,7 @@ FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
-HALF = 0.5
+HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
 
 
@@ -90,10 +90,8 @@ def contest(
             )
             one = base if again else one_for_two(quiet, held, base, say)
             if one is not base:
-                base, contenders = (
-                    one,
-                    {k: v for k, v in contenders.items() if k in one.model.names},
-                )
+                contenders = {k: v for k, v in contenders.items() if k in one.model.names}
+                base = one
         error = raw_error(held, base.model)
         if steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
             now, then = levelled([base, steps[-1].before])

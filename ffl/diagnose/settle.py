@@ -13,6 +13,7 @@ from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, earns, judge, levell
 from ffl.diagnose.ladders import with_best_start
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
+from ffl.diagnose.places import POINT
 from ffl.diagnose.rounds import Step
 from ffl.diagnose.screen import Candidate, Screen
 from ffl.effects import EFFECTS
@@ -34,7 +35,6 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
 )
 
 
-POINT = ("side", "mass_ratio")  # options that say where a force acts
 TIMED = {"periodic_disturbance", "drift"}
 
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
@@ -79,7 +79,8 @@ def settle(
             before = []  # the company has changed since
         others = [(name, current), *before[1:]]
         only = PLIABLE if before else None
-        trial = partial(_reached, quiet, held, current, without, index)
+        goal = quiet.cost(current.model)
+        trial = partial(_reached, quiet, held, current, without, index, goal)
         for rival, other, lines in each(
             trial, challengers(quiet, current, index, steps, reserve, only)
         ):
@@ -132,7 +133,7 @@ def one_for_two(
         for c in Screen(quiet, like).candidates(sorted(PLIABLE))[:2]:
             start = with_best_start(quiet, like, c.spec)
             begun = fit(quiet, start, rounds=4, known=like.known(), goal=goal)
-            if begun.cost - goal > HOPELESS * (quiet.cost(company) - goal):
+            if begun.cost - goal > HOPELESS * (like.cost - goal):
                 continue
             one = refined(quiet, held, judge(quiet, held, begun.model, 6, begun), say)
             one, two, best = levelled([one, current, best])
@@ -143,11 +144,18 @@ def one_for_two(
 
 
 def _reached(
-    quiet: Scene, held: Scene | None, current: Judged, without: Judged, index: int, c: Candidate
+    quiet: Scene,
+    held: Scene | None,
+    current: Judged,
+    without: Judged,
+    index: int,
+    goal: float,
+    c: Candidate,
 ) -> tuple[str, Judged, list[str]]:
     """What a challenger reaches in the place of effect `index` that `current` has and `without` has
-    not: its name, its fit and what there is to say of it. The same effect elsewhere may also begin
-    with the numbers that it has here, its harmonics among them."""
+    not: its name, its fit and what there is to say of it; `goal`: the sum of squares that `current`
+    leaves. The same effect elsewhere may also begin with the numbers that it has here, its harmonics
+    among them."""
     lines: list[str] = []
     spec = current.model.effects[index]
     others = []
@@ -155,7 +163,6 @@ def _reached(
         kept = {k: v for k, v in spec.options.items() if k not in POINT}
         others = [replace(spec, options={**kept, **c.place.options})]
     start = with_best_start(quiet, c.like, c.spec, others)
-    goal = quiet.cost(current.model)
     begun = fit(quiet, start, rounds=4, known=c.like.known(("correction", "given")), goal=goal)
     other = judge(quiet, held, begun.model, 4, begun)
     least = current.score - HOPELESS * (current.score - without.score)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -20,7 +21,7 @@ PRIORS = (0.1, 1.0, 10.0)  # 1/doubts: a step that leads too far is tried shorte
 MOST = 8  # steps: directions that the first second shows faintly come in slowly
 TRAVELS = (-3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0)  # times the reach of a contact
 NEAR = (0.55, 0.75, 1.35, 1.8)  # times the best of these
-OPEN = 4.0  # sum of squares by which another start at rest must be better
+CLEARER = 4.0  # sum of squares by which another start at rest must be better
 DONE = 0.1  # of the sum of squares in units of the noise: what one more step must bring
 
 
@@ -28,7 +29,7 @@ def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     """The scene with the starts of recordings that begin in motion fitted under `model`, in at most
     `rounds` steps each, and those at rest with springs wound up or not, as they show it; the scene
     itself where no start is open."""
-    if not open_starts(scene, model):
+    if not _open(scene, model):
         return scene
     trials = []
     for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
@@ -45,7 +46,7 @@ def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     return replace(scene, trials=tuple(trials))
 
 
-def open_starts(scene: Scene, model: Model) -> bool:
+def _open(scene: Scene, model: Model) -> bool:
     """Whether the model has a say in how a recording began."""
     if not all(trial.at_rest for trial in scene.trials):
         return True
@@ -64,14 +65,14 @@ def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
 
     as_is = (trial.loaded, trial.travel)
     both = (False, True) if winds(model.base.simulator, model.acting) else (trial.loaded,)
-    travels = {trial.travel, *(_reach(model) * share for share in TRAVELS)}
-    starts = [as_is, *((loaded, travel) for loaded in both for travel in travels)]
+    travels = [trial.travel, *(_reach(model) * share for share in TRAVELS)]
+    starts = list(dict.fromkeys([as_is, *product(both, travels)]))
     costs = [cost(start) for start in starts]
     loaded, travel = starts[int(np.argmin(costs))]
     near = [(loaded, travel * factor) for factor in NEAR] if travel else []
     starts, costs = starts + near, costs + [cost(start) for start in near]
     best = int(np.argmin(costs))
-    if not costs[best] < costs[0] - OPEN:
+    if not costs[best] < costs[0] - CLEARER:
         return trial
     return replace(trial, loaded=starts[best][0], travel=starts[best][1])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,14 +55,17 @@ class Trial:
     def before(self) -> float:
         """The command held until the first sample, as near as it is known: the first one, input
         units. A machine that holds a spring has had it for long."""
-        command = self.u if np.isfinite(self.u[0]) else self.feedforward
-        return float(command[0]) + (0.0 if self.load is None else float(self.load[0]))
+        return self._driven(1)
 
     @property
     def holding(self) -> float:
-        """The command in the mean over the first samples, input units: noise left out."""
+        """The same in the mean over the first samples: noise left out."""
+        return self._driven(max(8, min(40, len(self) // 50)))
+
+    def _driven(self, rows: int) -> float:
         command = self.u if np.isfinite(self.u[0]) else self.feedforward
-        return float(np.mean(command[: max(8, min(40, len(self) // 50))]))
+        load = 0.0 if self.load is None else self.load[:rows]
+        return float(np.mean(command[:rows] + load))
 
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
@@ -296,14 +299,19 @@ def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) 
         start = wound(simulator, effects, trial.holding, start)
     if not shown:
         return start
+    return behind_sensor(
+        simulator, start, lambda x: sum(effect.shown(values, x) - x for effect, values in shown)
+    )
+
+
+def behind_sensor(simulator: Simulator, start: Array, added: Callable[[float], float]) -> Array:
+    """`start` of a loop at rest with the plant where a sensor that adds `added(position)` shows what
+    `start` has."""
     unit = simulator.at_rest(1.0)[: simulator.n_plant]
     measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
     position = measured
     for _ in range(SETTLE):
-        seen = position
-        for effect, values in shown:
-            seen += effect.shown(values, position) - position
-        position += measured - seen
+        position = measured - added(position)
     start = start.copy()
     start[: simulator.n_plant] += (position - measured) * unit
     return start

@@ -13,10 +13,10 @@ from ffl.diagnose.dropouts import Dropouts, dropouts
 from ffl.diagnose.events import Events, events
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.formula import Formula, formula
-from ffl.diagnose.freeform import HELD_WORTH, UNTOLD, FreeForm, free_form, held_gain, least_noise
+from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
 from ffl.diagnose.imitate import imitated
-from ffl.diagnose.judging import LOST, OPEN
+from ffl.diagnose.judging import LOST, OPEN, UNTOLD
 from ffl.diagnose.model import Model
 from ffl.effects import Motion
 from ffl.systems.state_space import Array

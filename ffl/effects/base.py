@@ -70,6 +70,12 @@ class Motion:
         t = sample_time * np.arange(len(r))
         return cls(t, r, np.zeros_like(r), r, v, np.gradient(v, sample_time), sample_time, mass)
 
+    @classmethod
+    def still(cls, position: float, sample_time: float) -> Motion:
+        """Two samples of standstill at a position, without command."""
+        at, zero = np.full(2, position), np.zeros(2)
+        return cls(zero, at, zero, at, zero, zero, sample_time)
+
     @property
     def direction(self) -> Array:
         """Sign of v, straight through zero below a thousandth of the largest |v|: at standstill a
@@ -319,6 +325,12 @@ class Effect:
     def coefficients_of(self, values: Parameters) -> Array:
         """The coefficients of `regressors` for these parameters: `from_coefficients` backwards."""
         return np.array([float(values[p.name]) for p in self.parameters if p.linear])
+
+    def signal(self, spec: EffectSpec, motion: Motion) -> Array:
+        """(N,) what the effect adds at its port along the motion: `regressors` times coefficients."""
+        values = self.check(spec)
+        columns = self.regressors(motion, **self.nonlinear_of(values))
+        return np.asarray(columns @ self.coefficients_of(values))
 
     # --- feedforward -----------------------------------------------------------------------------
 

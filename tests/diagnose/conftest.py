@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import Imperfections
@@ -52,3 +56,20 @@ def record(references):  # type: ignore[no-untyped-def]
         return tuple(device.run(r, np.zeros_like(r), rng) for r in references)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def scenes(stage):  # type: ignore[no-untyped-def]
+    """The scene of the first recording, that of the others, and the model without effects."""
+
+    def of(runs):  # type: ignore[no-untyped-def]
+        base = Base.of(stage)
+        first, *others = (prepare(base.simulator, r, stage.machine.sensor_noise) for r in runs)
+        noise = Noise(stage.machine.sensor_noise, stage.machine.force_noise)
+        return (
+            Scene(stage.loop, (first,), noise),
+            Scene(stage.loop, tuple(others), noise),
+            Model(base),
+        )
+
+    return of

@@ -8,10 +8,6 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.dropouts import dropouts
-from ffl.diagnose.fit import Scene
-from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise
-from ffl.diagnose.trials import prepare
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec
@@ -42,16 +38,6 @@ def lost_at(n, share, seed):  # type: ignore[no-untyped-def]
     return lost
 
 
-def scenes(stage, runs):  # type: ignore[no-untyped-def]
-    base = Base.of(stage)
-    trials = [prepare(base.simulator, r, stage.machine.sensor_noise) for r in runs]
-    noise = Noise(stage.machine.sensor_noise, stage.machine.force_noise)
-    return (
-        Scene(stage.loop, tuple(trials[:1]), noise), Scene(stage.loop, tuple(trials[1:]), noise),
-        Model(base),
-    )  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def losing(stage, references):  # type: ignore[no-untyped-def]
     return [
@@ -59,8 +45,8 @@ def losing(stage, references):  # type: ignore[no-untyped-def]
     ]
 
 
-def test_lost_commands_are_found_and_what_they_did_is_explained(stage, losing):  # type: ignore[no-untyped-def]
-    scene, held, model = scenes(stage, losing)
+def test_lost_commands_are_found_and_what_they_did_is_explained(stage, losing, scenes):  # type: ignore[no-untyped-def]
+    scene, held, model = scenes(losing)
     found = dropouts(scene, held, model)
     assert found is not None
     true = lost_at(scene.samples, 0.05, 7)
@@ -72,7 +58,7 @@ def test_lost_commands_are_found_and_what_they_did_is_explained(stage, losing): 
 
 
 @pytest.mark.parametrize("what", ["noise", "delay", "knocks"])
-def test_nothing_else_is_taken_for_lost_commands(stage, references, what):  # type: ignore[no-untyped-def]
+def test_nothing_else_is_taken_for_lost_commands(stage, references, what, scenes):  # type: ignore[no-untyped-def]
     effects = (EffectSpec("input_delay", {"delay": 1e-3}),) if what == "delay" else ()
     runs = []
     for k, r in enumerate(references[:2]):
@@ -81,7 +67,7 @@ def test_nothing_else_is_taken_for_lost_commands(stage, references, what):  # ty
             for at in (300, 900, 1500):
                 knock[at : at + 40] = 0.3
         runs.append(recorded(stage, r, np.zeros(len(r), bool), k, effects, knock))
-    scene, held, model = scenes(stage, runs)
+    scene, held, model = scenes(runs)
     found = dropouts(scene, held, model)
     assert found is None or min(found.gains(scene, held, model)) < 0
 

@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.events import events
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.formula import Shape, _brake, _cost
 from ffl.diagnose.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.freemodel import FreeModel, Part, Running
-from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import Place
 from ffl.diagnose.terms import TERMS
-from ffl.diagnose.trials import prepare
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 
@@ -41,23 +37,13 @@ def recorded(plant, reference, seed, force=None, cut=None):  # type: ignore[no-u
     )  # fmt: skip
 
 
-def scenes(stage, runs):  # type: ignore[no-untyped-def]
-    base = Base.of(stage)
-    trials = [prepare(base.simulator, r, stage.machine.sensor_noise) for r in runs]
-    noise = Noise(stage.machine.sensor_noise, stage.machine.force_noise)
-    return (
-        Scene(stage.loop, tuple(trials[:1]), noise), Scene(stage.loop, tuple(trials[1:]), noise),
-        Model(base),
-    )  # fmt: skip
-
-
 def term(name):  # type: ignore[no-untyped-def]
     return next(t for t in TERMS if t.name == name)
 
 
-def test_a_loop_at_rest_begins_where_a_bent_sensor_shows_the_reference(stage, references):  # type: ignore[no-untyped-def]
+def test_a_loop_at_rest_begins_where_a_bent_sensor_shows_the_reference(stage, references, scenes):  # type: ignore[no-untyped-def]
     run = recorded(stage, references[0], 1, force=lambda x, v: 0.0 * x)
-    scene, _, model = scenes(stage, [run])
+    scene, _, model = scenes([run])
     ranges = {"x": (-0.05, 0.15), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 3.0)}
     bent = term("position at the sensor")
     grid = bent.grid(ranges)
@@ -67,32 +53,32 @@ def test_a_loop_at_rest_begins_where_a_bent_sensor_shows_the_reference(stage, re
     assert np.abs(y[:200]).max() < 1e-5
 
 
-def test_a_strong_drag_is_followed_to_the_noise(stage, references):  # type: ignore[no-untyped-def]
+def test_a_strong_drag_is_followed_to_the_noise(stage, references, scenes):  # type: ignore[no-untyped-def]
     brake = lambda x, v: -2 * 3.0 * (v / 0.04) / (1 + (v / 0.04) ** 2)  # noqa: E731
     runs = [recorded(stage, r, k, force=brake) for k, r in enumerate(references)]
-    scene, held, model = scenes(stage, runs)
+    scene, held, model = scenes(runs)
     found = free_form(scene, held, model)[-1]
     assert found.variables == ("velocity",)
     assert np.mean(found.white**2) < 1.3
     assert np.mean(found.held_white**2) < 1.6
 
 
-def test_a_limit_that_falls_with_speed_is_a_map_of_both(stage, references):  # type: ignore[no-untyped-def]
+def test_a_limit_that_falls_with_speed_is_a_map_of_both(stage, references, scenes):  # type: ignore[no-untyped-def]
     def cut(u, v):  # type: ignore[no-untyped-def]
         limit = LIMIT - FALL * np.abs(v)
         return np.clip(u, -limit, limit) - u
 
     runs = [recorded(stage, r, k, cut=cut) for k, r in enumerate(references)]
     assert np.abs(cut(runs[0].u, np.gradient(runs[0].y, 1e-3))).max() > 0.02
-    scene, held, model = scenes(stage, runs)
+    scene, held, model = scenes(runs)
     found = free_form(scene, held, model)[-1]
     assert set(found.variables) == {"command", "velocity"}
     assert np.mean(found.white**2) < 1.5
 
 
-def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, references):  # type: ignore[no-untyped-def]
+def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, references, scenes):  # type: ignore[no-untyped-def]
     run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
-    scene, _, model = scenes(stage, [run])
+    scene, _, model = scenes([run])
     noise = np.random.default_rng(6).standard_normal(3000)
     bare = FreeForm(FreeModel(model), scene, 0.0, noise, noise, np.ones(3000, bool))
     alike = replace(bare, held_white=noise + 0.01 * np.roll(noise, 500))
@@ -102,9 +88,11 @@ def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, refere
     assert not _earns(worse, bare)
 
 
-def test_knocks_that_never_leave_it_quiet_are_events_where_the_noise_is_stated(stage, references):  # type: ignore[no-untyped-def]
+def test_knocks_that_never_leave_it_quiet_are_events_where_the_noise_is_stated(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
     run = recorded(stage, references[0], 4, force=lambda x, v: 0.0 * x)
-    scene, _, model = scenes(stage, [run])
+    scene, _, model = scenes([run])
     quiet = scene.residuals(model)
     assert not events(scene, quiet, stage).found
     knock = np.zeros(len(quiet[0]))
