@@ -16,15 +16,14 @@ from ffl.systems.zpk import Zpk
 FAST_POLE = 1e-6  # a pole nearer to the origin of the z plane is part of a delay, not of mechanics
 
 
-SPEEDS = re.compile(
-    r"\s*(rpm|r/min|rev/min|1/min|u/min|(m|mm|cm|um|rad|deg|°|rev|ticks?|counts?|inc)\s*/\s*s)\s*",
-    re.I,
-)
+_TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?"
+_WAY = r"(k|d|c|m|µ|μ|u|n)?m|in|inch|ft|mi|ticks?|counts?|inc|steps?"
+_PER_TIME = r"\s*(/\s*(s|sec|min|h|hr)|[ .·]\s*(s|min|h)\^?-1)"
+_ROTATION = r"k?rpm|(r|rev|1|u|turns)/min|min\^?-1"
+_TRAVEL = r"km/?h|kph|mph|(?-i:kn|kts?)|knots?"  # kN is a force
 
-
-TURNS = re.compile(
-    r"\s*(rpm|r/min|rev/min|1/min|u/min|(m|µ|u)?rad|deg|°|rev|(rad|deg|°|rev)\s*/\s*s)\s*", re.I
-)
+SPEEDS = re.compile(rf"\s*({_ROTATION}|{_TRAVEL}|({_TURN}|{_WAY}){_PER_TIME})\s*", re.I)
+TURNS = re.compile(rf"\s*({_ROTATION}|({_TURN})({_PER_TIME})?)\s*", re.I)
 
 
 REMEMBERED = 8  # systems
@@ -33,7 +32,7 @@ _LOCK = threading.Lock()
 
 
 def is_speed(unit: str) -> bool:
-    """Whether an output in this unit is a speed: rpm, rad/s, m/s, ticks/s and their like."""
+    """Whether an output in this unit is a speed: rpm, rad/s, km/h, kn, ticks/s and their like."""
     return SPEEDS.fullmatch(unit) is not None
 
 

@@ -1,4 +1,4 @@
-"""CSV: comma, semicolon or tab separated text with one header line."""
+"""CSV: comma, semicolon, tab or blank separated text with a header line."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ffl.errors import InputError
+from ffl.recordings.csv_head import LINES, MARKS, find_head
 from ffl.recordings.csv_text import (
     Text,
     bad_cell,
@@ -20,24 +21,39 @@ from ffl.recordings.csv_text import (
     read_text,
     split_line,
 )
+from ffl.recordings.stamps import is_stamp, seconds
 from ffl.recordings.table import Array, Table
 
 
 def read_csv(path: Path, header: Sequence[str] = (), skip_lines: int = 0) -> Table:
     """Names from the header line (or `header`, where the file has none); numbers by numpy's C reader.
 
-    Separator, decimal comma, encoding and line ends are found out. Lines that start with # or %
-    before the header are passed over, and so are `skip_lines` lines at the very top.
+    Separator, decimal comma, encoding and line ends are found out, and so is where the header stands:
+    lines above it are passed over, `skip_lines` of them unseen; a line of units may follow it.
     """
     text = read_text(path)
     body, skipped = _after_lines(text.raw, skip_lines)
+    names = [name.strip() for name in header]
+    top = body.split(b"\n", LINES)[:LINES]
+    head = None if names else find_head([line.decode(text.encoding, "replace") for line in top])
+    if head is not None:
+        body, more = _after_lines(body, head.skip)
+        skipped += more
+        body = body.lstrip(MARKS.encode())
     while body[:1] in (b"#", b"%", b"\n"):
         body, more = _after_lines(body, 1)
         skipped += more
     first = [line.decode(text.encoding, "replace") for line in body.split(b"\n", 2)[:2]]
     separator = find_separator([line for line in first if line.strip()])
-    names = [name.strip() for name in header]
-    if not names:
+    units: dict[str, str] = {}
+    if head is not None:
+        separator = head.separator
+        names = split_line(first[0], separator)
+        units = {name: unit for name, unit in zip(names, head.units, strict=False) if unit}
+        below = 2 if head.units else 1
+        body, more = _after_lines(body, below)
+        skipped += more
+    elif not names:
         names = split_line(first[0], separator)
         if any(name and is_number(name.replace(",", ".")) for name in names):
             raise InputError(
@@ -72,7 +88,7 @@ def read_csv(path: Path, header: Sequence[str] = (), skip_lines: int = 0) -> Tab
         source=str(path),
         names=tuple(name for name in names if name),
         load=load,
-        units={},
+        units=units,
         where=lambda index: f"line {skipped + index + 1}",
     )
 
@@ -115,6 +131,12 @@ def _load(
     decimal_comma = separator != "," and b"," in body
     untouched = text.as_on_disk and not decimal_comma
     # numpy reads a file by its own buffer 2.5 times faster than lines out of memory.
+    cells = split_line(first.decode(text.encoding, "replace"), separator)
+    dated = [c for c in columns if c < len(cells) and is_stamp(cells[c])]
+    times = {c: _stamps(c, path, text, body, skipped, names, separator) for c in dated}
+    columns = [c for c in columns if c not in times]
+    if not columns:
+        return {name: times[names.index(name)] for name in wanted}
     stream = path if untouched else io.StringIO(_decoded(body, text, decimal_comma))
     try:
         numbers = np.loadtxt(
@@ -129,7 +151,29 @@ def _load(
         )
     except ValueError as error:
         raise _named(error, path, body, text, skipped, names, separator, columns) from None
-    return {name: numbers[:, k] for k, name in enumerate(wanted)}
+    found = times | {c: numbers[:, k] for k, c in enumerate(columns)}
+    return {name: found[names.index(name)] for name in wanted}
+
+
+def _stamps(
+    column: int,
+    path: Path,
+    text: Text,
+    body: bytes,
+    skipped: int,
+    names: list[str],
+    separator: str,
+) -> Array:
+    """A column of dates or clock times in seconds since midnight of its first day."""
+    lines = body.decode(text.encoding, "replace").split("\n")
+    cells = [split_line(line, separator)[column] for line in lines]
+    found = seconds(cells)
+    if isinstance(found, int):
+        raise InputError(
+            f"{path}: line {skipped + found + 1}, column {names[column]}: {cells[found][:30]!r} is not "
+            "a time like the ones before; correct it or leave the row out"
+        )
+    return found
 
 
 def _decoded(body: bytes, text: Text, decimal_comma: bool) -> str:

@@ -18,6 +18,8 @@ READERS: dict[str, Callable[..., Table]] = {
     ".csv": read_csv,
     ".tsv": read_csv,
     ".txt": read_csv,
+    ".dat": read_csv,
+    ".asc": read_csv,
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,

@@ -31,11 +31,14 @@ def open_loop(u: np.ndarray, y: np.ndarray, step: float) -> Recording:
     )
 
 
-@pytest.mark.parametrize("unit", ["rpm", "rad/s", "m/s", "ticks/s", "mm / s", "1/min"])
+@pytest.mark.parametrize(
+    "unit", ["rpm", "rad/s", "m/s", "ticks/s", "mm / s", "1/min", "kn", "km/h", "m s^-1"]
+)
 def test_speeds_are_known_by_their_unit(unit):
     assert is_speed(unit)
     assert not is_speed("m")
     assert not is_speed("m^3/s")
+    assert not is_speed("kN")
     assert not is_speed("")
 
 

@@ -10,6 +10,7 @@ import scipy.io
 from ffl.errors import InputError
 from ffl.recordings import READERS, load_mapping, read_recording, write_recording
 from ffl.recordings.recording import REQUIRED
+from ffl.recordings.stamps import seconds
 
 
 def _csv(path, x):
@@ -92,6 +93,8 @@ def test_every_suffix_has_a_test():
     assert {"." + name.split(".")[1] for name in WRITERS} == set(READERS) - {
         ".tsv",
         ".txt",
+        ".dat",
+        ".asc",
         ".hdf5",
         ".mdf",
     }
@@ -141,6 +144,11 @@ def _text(separator=",", end="\n", comma=False):
         _text().encode("utf-32"),
         ("# made by hand, µm\n% and on\n" + _text()).encode(),
         ("# made by hand, µm\n" + _text()).encode("latin-1"),
+        ("# " + _text()).encode(),  # as numpy.savetxt writes a header
+        ("# bench\n" + _text(" ").replace("t u y", "# t u y")).encode(),
+        ("Prüfstand;A\nDatum;12.03.2024\n\n" + _text(";", comma=True)).encode("latin-1"),
+        _text(";", "\r\n").replace("y\r\n", "y\r\ns;V;µm\r\n").encode("latin-1"),
+        _text().replace("t,u,y", "bench,3,\nt,u,y\n[s],[V],[µm]").encode(),
         _text().replace("t,u,y", "t [s],u (V),y [µm]").encode("latin-1"),
         _text().replace("t,u,y", "t [s],u (V),y [µm]").encode(),
         _text().replace("t,u,y", '"t","u","y"').encode(),
@@ -160,8 +168,33 @@ def test_spellings_of_csv(tmp_path, content):
     assert x.sample_time == 0.01
     assert np.array_equal(x.y, np.arange(30) + 0.25)
     assert np.array_equal(x.u, np.arange(30) % 3 + 0.5)
-    if b"u (V)" in content:
+    if b"u (V)" in content or b";V;" in content or b"[V]" in content:
         assert dict(x.units) == {"t": "s", "u": "V", "y": "µm"}
+
+
+@pytest.mark.parametrize(
+    ("first", "others", "step"),
+    [
+        ("2024-02-28 23:59:50", ("2024-02-29 00:00:00", "2024-02-29T00:00:10Z"), 10.0),
+        ("28.2.2024 23:59:50", ("29.2.2024 00:00:00", "29.02.2024 00:00:10"), 10.0),
+        ("2/28/24 11:59:50 PM", ("2/29/24 12:00:00 AM", "2/29/24 12:00:10 AM"), 10.0),
+        ("30/4/2024 23:59", ("1/5/2024 00:00", "1/5/2024 00:01"), 60.0),
+        ("23:59:59,990", ("00:00:00,000", "00:00:00,010"), 0.01),
+    ],
+)
+def test_dates_are_seconds(tmp_path, first, others, step):
+    path = tmp_path / "log.dat"
+    stamps = [first, *others]
+    assert seconds(stamps) == pytest.approx(86400 - step + step * np.arange(3), abs=1e-6)
+    assert seconds([*stamps, "later"]) == 3
+    rows = [f"2024-05-06 08:{k:02d}:00;{k % 3};{k}" for k in range(20)]
+    path.write_text("when;u;y [m]\n" + "\n".join(rows))
+    (tmp_path / "log.map.toml").write_text('[columns]\nt = "when"\nu = "u"\ny = "y"\n')
+    x = read_recording(path)
+    assert (x.sample_time, x.t[0]) == (60.0, 8 * 3600.0)
+    path.write_text("when;u;y [m]\n" + "\n".join([*rows[:7], "yesterday;1;2", *rows[8:]]))
+    with pytest.raises(InputError, match="line 9, column when: 'yesterday' is not a time"):
+        read_recording(path)
 
 
 def test_header_from_the_mapping(tmp_path):
