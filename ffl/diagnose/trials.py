@@ -238,8 +238,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         start[:] = simulator.at_rest(first)
         if plant.controller is None and simulator.mechanics.order:
             # In open loop rest is where the first command holds it.
-            loads = [s.parameters["force"] for s in plant.effects if s.name == "constant_load"]
-            held = float(recording.u[0]) + sum(loads) / simulator.force_per_input
+            held = float(recording.u[0]) + _loads(simulator, plant.effects)
             start = rest_under(simulator, float(recording.u[0]), held, first)
     elif known_command:
         drive = recording.u if recording.d is None else recording.u + recording.d
@@ -268,6 +267,16 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         simulator.mechanics,
         0.0 if rest else _travel(recording, is_speed(plant.output_unit)),
     )
+
+
+def _loads(simulator: Simulator, effects: Sequence[EffectSpec]) -> float:
+    """The command that the constant loads among `effects` stand for."""
+    total, m = 0.0, simulator.mechanics
+    for spec in effects:
+        if spec.name == "constant_load":
+            side, ratio = spec.options.get("side", "sensor"), spec.options.get("mass_ratio")
+            total += spec.parameters["force"] * m.as_command(m.point(side, ratio))
+    return total / simulator.force_per_input
 
 
 def _travel(recording: Recording, speed: bool) -> float:

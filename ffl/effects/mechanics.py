@@ -198,6 +198,18 @@ class Mechanics:
         """Adds a constant force at `point`."""
         return replace(self, bias=(*self.bias, (point, force)))
 
+    def as_command(self, point: Point) -> float:
+        """The command that moves the output at low frequencies as a unit force at `point` does. It is
+        `sign` where forces act as u does; zeros and lags that belong to no mode make it another."""
+        poles = (
+            np.abs(np.linalg.eigvals(self.a[: self.own, : self.own])) if self.own else np.ones(1)
+        )
+        slow = 1e-6 * float(min(poles[poles > 1e-9 * poles.max()], default=1.0))
+        matrix = slow * np.eye(self.order) - self.a
+        by_force, by_command = self.c @ np.linalg.solve(matrix, np.stack([point.force, self.b]).T)
+        by_command += self.d + float(self.fast.at(np.exp(slow * self.sample_time))[0].real)
+        return float(by_force / by_command)
+
     def with_part_on_spring(
         self,
         link: str,

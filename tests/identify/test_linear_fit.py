@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ffl.identify.linear import Signals, best_linear, estimate_delay, fit_linear
+from ffl.machines.simulator import Simulator
 from ffl.systems import Controller, StateSpace, Zpk, closed_loop, load_plant, save_plant
 
 T = 0.01
@@ -332,3 +333,16 @@ def test_a_missing_feedthrough_is_seen_in_the_residual():
     direct = Signals(signals.u, signals.y + 0.5 * signals.u, T)
     assert fit_linear(direct, 2).independence.p_value < 1e-6
     assert fit_linear(direct, 2, feedthrough=True).independence.p_value > 1e-3
+
+
+def test_the_constant_load_stands_for_the_offset_whatever_the_zeros():
+    """Zeros that belong to no mode: a force moves the output otherwise than the command does."""
+    system = Zpk(
+        [3.7, 0.80 + 0.77j, 0.80 - 0.77j], [0.88 + 0.15j, 0.88 - 0.15j, 0.75, 0.7], -0.01, T
+    )
+    rng = np.random.default_rng(11)
+    u = rng.standard_normal(1500)
+    y = system.filter(u) - 0.4 + 1e-3 * rng.standard_normal(1500)
+    plant = fit_linear(Signals(u, y, T), 4).plant("p", with_load=True)
+    run = Simulator(plant).run(plant.effects, np.zeros(1500), u)
+    assert np.abs(run.y - y)[200:].max() < 0.01

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffl.effects import is_speed, mechanics_of
 from ffl.errors import InputError
 from ffl.identify.linear.coordinates import Point, Structure
 from ffl.identify.linear.noise import ResidualTest, Uncertainty
@@ -209,7 +210,9 @@ class LinearModel:
         effects: tuple[EffectSpec, ...] = ()
         small = self.structure.offset == "output" and abs(self.offset) < 0.01 * self.noise_std
         if with_load and self.load and not small:
-            effects = (EffectSpec("constant_load", {"force": self.load}),)
+            mechanics = mechanics_of(self.system, is_speed(output_unit))
+            per_force = mechanics.as_command(mechanics.point())
+            effects = (EffectSpec("constant_load", {"force": self.load / per_force}),)
         return Plant(
             name=name,
             system=self.system,
