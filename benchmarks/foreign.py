@@ -137,12 +137,13 @@ def dc_motor(folder, rng):  # type: ignore[no-untyped-def]
             "ms;V;1/min",
         ]
         lines += [
-            f"{1e3 * k / rate:.1f};{a:.2f};{b:.1f}" for k, (a, b) in enumerate(zip(volts, rpm))
+            f"{1e3 * k / rate:.1f};{a:.2f};{b:.1f}"
+            for k, (a, b) in enumerate(zip(volts, rpm, strict=True))
         ]
         text = "\r\n".join(lines[:5]) + "\r\n" + "\r\n".join(lines[5:]).replace(".", ",") + "\r\n"
         (folder / f"{name}.csv").write_bytes(text.encode("latin-1"))
     (folder / "data.map.toml").write_text(
-        'skip_lines = 3\n[columns]\nt = { name = "Zeit", scale = 1e-3 }\nu = "Spannung"\ny = "Drehzahl"\n'
+        '[columns]\nt = { name = "Zeit", scale = 1e-3 }\nu = "Spannung"\ny = "Drehzahl"\n'
     )
     return "Lauf1.csv", "Lauf2.csv"
 
@@ -188,7 +189,7 @@ def sticky_valve(folder, rng):  # type: ignore[no-untyped-def]
 # Process: heated room whose sensor ends at 45 degC.
 def room(folder, rng):  # type: ignore[no-untyped-def]
     for name, n in (("week1", 4000), ("week2", 2500)):
-        power = np.round(staircase(n, 25, 0.0, 100.0, rng))
+        power = np.round(staircase(n, 25, 0.0, 70.0, rng))
         wall, air, y = 30.0, 33.0, np.zeros(n)
         for k in range(n):
             y[k] = air
@@ -198,7 +199,9 @@ def room(folder, rng):  # type: ignore[no-untyped-def]
         y = np.minimum(np.round(y + 0.05 * rng.standard_normal(n), 2), 45.0)
         with (folder / f"{name}.csv").open("w") as file:
             file.write("# building 7\nminutes,heater_pct,T_room_degC\n")
-            file.writelines(f"{k},{a:g},{b:g}\n" for k, (a, b) in enumerate(zip(power, y)))
+            file.writelines(
+                f"{k},{a:g},{b:g}\n" for k, (a, b) in enumerate(zip(power, y, strict=True))
+            )
     (folder / "data.map.toml").write_text(
         '[columns]\nt = { name = "minutes", scale = 60 }\nu = { name = "heater_pct", unit = "%" }\n'
         'y = { name = "T_room_degC", unit = "degC" }\n'
@@ -225,7 +228,7 @@ def mems(folder, rng):  # type: ignore[no-untyped-def]
     rate = 100e3
     with h5py.File(folder / "stage.h5", "w") as file:
         for name, n in (("noise_1", 30000), ("noise_2", 20000)):
-            volts = multisine(n, rate, 50, 8000, 3.0, rng)
+            volts = multisine(n, rate, 50, 8000, 0.7, rng)
             x = _duffing(volts, 1 / rate / 200, 200) + 0.003 * rng.standard_normal(n)
             group = file.create_group(name)
             group["sample"] = np.arange(n)
