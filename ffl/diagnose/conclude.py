@@ -188,7 +188,7 @@ def _p_value(name: str, steps: list[Step]) -> float | None:
 
 def _other_model(model: Plant) -> str:
     """What to try where the model is unlike the machine; not once more what it came from."""
-    if not model.source.startswith("ffl identify linear"):
+    if "ffl identify linear" not in model.source:
         return "identify a linear model of this machine first: ffl identify linear"
     return (
         "the model was identified from a recording that its form does not fit, feedback or strong "

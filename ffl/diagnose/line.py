@@ -38,9 +38,10 @@ def slight(spec: EffectSpec, plant: Plant) -> bool:
 
 def sizes(scene: Scene, model: Model) -> dict[str, float]:
     """Signed size of each correction in the contract's terms: relative mass, share of RMS force; none
-    for a process, whose gain and lags are corrections at any size."""
+    for a process, whose gain and lags are corrections at any size, and for a model identified from
+    the machine, whose numbers all are."""
     mechanics = model.base.simulator.mechanics
-    if not mechanics.modes or model.base.is_process:
+    if not mechanics.modes or model.base.is_process or model.base.is_identified:
         return {}
     mass = mechanics.moving_mass  # damping and stiffness are in force per motion, whatever moves
     runs = [model.simulate(trial) for trial in scene.trials]

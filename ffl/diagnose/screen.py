@@ -247,6 +247,8 @@ class Screen:
             return []  # one lag moves no mass
         if effect.name in INERTIAL and self.model.base.is_process:
             return []
+        if effect.name == "mass_change" and self.model.base.is_identified:
+            return []  # a correction at any size
         if self.model.simulator.mechanics.place is not None and effect.name in ABSOLUTE:
             return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)

@@ -16,7 +16,10 @@ from ffl.systems.plant import Plant
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
 WHITE = 0.25  # of the samples independent: a residual with fewer is structure, not noise
 BENT = 0.3  # of a mass, gain or stiffness: an engineer's is known to some per cent
-STRUCTURED = 1.5  # mean square of the whitened held-out residual above which structure remains
+STRUCTURED = (
+    1.5  # mean square of the whitened held-out residual above which structure remains; below
+)
+# its reciprocal too: what the fitted recordings were left with is louder where they are louder, no noise
 
 
 def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, where.Place]:
@@ -30,6 +33,7 @@ def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, wher
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on)
         short = coloured(standing) or bent(standing) or loudness(plant, standing) > LOUD
+        short = short or chi2 < 1.0 / STRUCTURED
         if contest.verdict == "named" and short:
             return "partly_explained", _left(standing, names[0].component, said, depends)
         if contest.verdict == "named":

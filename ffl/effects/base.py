@@ -115,6 +115,7 @@ class Parameter:
             "/".join(_power(part, words) for part in word.split("/")) for word in self.unit.split()
         )
         text = text.replace("\0/s", measured).replace(" s/\0", f"/({measured})")
+        text = text.replace(" s^2/\0^2", f"/({measured})^2")
         return text.replace("\0", f"({measured} s)")
 
 

@@ -9,36 +9,40 @@ from ffl.systems.state_space import Array
 
 
 @njit(error_model="numpy")
-def bouc_wen_step(z, move, displacement, exponent, beta):  # type: ignore[no-untyped-def]
+def bouc_wen_step(z, move, displacement, exponent, beta, hardens=0.0):  # type: ignore[no-untyped-def]
     """z after a displacement `move` of one sign: dz = dx/displacement (1 - |z|^n ((1 - beta) +
+    beta sign(z dx))); where it `hardens` (1.0) dz = dx/displacement (1 + |z|^n ((1 + beta) -
     beta sign(z dx))).
 
     In closed form for n = 1; else classical Runge-Kutta in pieces of at most 0.25 displacement.
     Beyond 40 displacements z is at its limit to the last digit.
     """
+    way_out = 1.0 - 2.0 * hardens
+    way_back = way_out * (1.0 - 2.0 * way_out * beta)
     side = 1.0 if move >= 0.0 else -1.0
     length = abs(move) / displacement
     if length > 40.0:
         length = 40.0
     w = side * z  # along the motion: dw/dlength = 1 - |w|^n (1 - beta + beta sign(w))
     if exponent == 1.0:
-        return side * _linear_step(w, length, 1.0 - 2.0 * beta)
-    if w >= 1.0 - 1e-13:
+        return side * _linear_step(w, length, way_back, way_out)
+    most = 1.0 if hardens == 0.0 else 1e6
+    if w >= most * (1.0 - 1e-13):
         return side * w
     pieces = int(length / 0.25) + 1
     h = length / pieces
     for _ in range(pieces):
-        k1 = _rate(w, exponent, beta)
-        k2 = _rate(w + 0.5 * h * k1, exponent, beta)
-        k3 = _rate(w + 0.5 * h * k2, exponent, beta)
-        k4 = _rate(w + h * k3, exponent, beta)
-        w = min(w + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0, 1.0)
+        k1 = _rate(w, exponent, way_back, way_out)
+        k2 = _rate(w + 0.5 * h * k1, exponent, way_back, way_out)
+        k3 = _rate(w + 0.5 * h * k2, exponent, way_back, way_out)
+        k4 = _rate(w + h * k3, exponent, way_back, way_out)
+        w = min(w + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0, most)
     return side * w
 
 
 @njit(error_model="numpy")
-def _linear_step(w, length, share):  # type: ignore[no-untyped-def]
-    """n = 1: w' = 1 + share w up to w = 0, then w' = 1 - w."""
+def _linear_step(w, length, share, onward):  # type: ignore[no-untyped-def]
+    """n = 1: w' = 1 + share w up to w = 0, then w' = 1 - w, or 1 + w where `onward` is -1."""
     if w < 0.0:
         needed = -w if abs(share) < 1e-09 else -np.log1p(share * w) / share
         if length <= needed and abs(share) < 1e-9:
@@ -46,26 +50,30 @@ def _linear_step(w, length, share):  # type: ignore[no-untyped-def]
         if length <= needed:
             return w * np.exp(share * length) + np.expm1(share * length) / share
         w, length = 0.0, length - needed
+    if onward < 0.0:
+        return (1.0 + w) * np.exp(length) - 1.0
     return 1.0 - (1.0 - w) * np.exp(-length)
 
 
 @njit(error_model="numpy")
-def _rate(w, exponent, beta):  # type: ignore[no-untyped-def]
-    share = 1.0 if w >= 0.0 else 1.0 - 2.0 * beta
+def _rate(w, exponent, way_back, way_out):  # type: ignore[no-untyped-def]
+    share = way_out if w >= 0.0 else way_back
     size = w * w if exponent == 2.0 else abs(w) ** exponent
     return 1.0 - share * size
 
 
 @njit(cache=True, error_model="numpy")
-def _bouc_wen(x, displacement, exponent, beta, z):  # type: ignore[no-untyped-def]
+def _bouc_wen(x, displacement, exponent, beta, hardens, z):  # type: ignore[no-untyped-def]
     for k in range(1, len(x)):
-        z[k] = bouc_wen_step(z[k - 1], x[k] - x[k - 1], displacement, exponent, beta)
+        z[k] = bouc_wen_step(z[k - 1], x[k] - x[k - 1], displacement, exponent, beta, hardens)
 
 
-def bouc_wen(x: Array, displacement: float, exponent: float, beta: float) -> Array:
+def bouc_wen(
+    x: Array, displacement: float, exponent: float, beta: float, hardens: bool = False
+) -> Array:
     """z along the positions `x` from z = 0. (n, beta) = (1, 1) is the Dahl model, z = force/level."""
     z = np.zeros(len(x))
-    _bouc_wen(np.ascontiguousarray(x, float), displacement, exponent, beta, z)
+    _bouc_wen(np.ascontiguousarray(x, float), displacement, exponent, beta, float(hardens), z)
     return z
 
 

@@ -42,6 +42,12 @@ def test_speeds_are_known_by_their_unit(unit):
     assert not is_speed("")
 
 
+def test_drag_of_what_moves_at_a_measured_speed_is_told_in_that_speed():
+    ship = Plant("ship", Zpk([], [0.9], 0.1, 1.0), None, "kN", "kn")
+    (drag,) = EFFECTS["quadratic_drag"].parameters
+    assert drag.unit_in(ship) == "kN/(kn)^2"
+
+
 def test_what_turns_is_driven_in_newton_metres():
     level, stiffness = EFFECTS["coulomb_friction"].parameters[0], EFFECTS["linear_stiffness"]
     system = Zpk([-1.0], [1.0, 1.0], 1e-6, 1e-3)

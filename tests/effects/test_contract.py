@@ -122,8 +122,8 @@ def test_grid_gives_parameters_that_the_regressors_take(name):
         assert columns.shape[0] == len(motion.t)
         assert np.all(np.isfinite(columns))
         values = effect.from_coefficients(np.full(columns.shape[1], 0.5), point)
-        assert effect.check(EffectSpec(name, {k: v for k, v in values.items() if k != "kind"}
-                                       if name == "drift" else values))  # fmt: skip
+        own = {k: v for k, v in values.items() if k not in effect.options}
+        assert effect.check(EffectSpec(name, own))
 
 
 @pytest.mark.parametrize(
