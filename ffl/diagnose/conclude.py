@@ -148,10 +148,11 @@ def _finding(
     spreads = dict(zip(standing.model.coordinates, standing.fit.spread, strict=True))
     numbers = {}
     for name, value in spec.parameters.items():
-        unit = effect.parameter(name).unit_in(plant)
-        error = None
+        parameter = effect.parameter(name)
+        unit, error = parameter.unit_in(plant), None
         for c, spread in spreads.items():
-            if c.kind == "effect" and c.effect == index and c.name == name and c.place is None:
+            own = c.kind == "effect" and c.effect == index and c.name == name and c.place is None
+            if own and not parameter.stepped:
                 error = float(spread * value if c.log else spread)
         numbers[name] = Number(value, unit, error)
     shares = probabilities(spec.name, outcome.contenders, complete)

@@ -241,6 +241,8 @@ class Screen:
     def places(self, effect: Effect) -> list[Place]:
         if effect.port == "flow":
             return flow_places(self.model, effect)
+        if effect.of_processes and not self.model.base.is_process:
+            return []
         if effect.port != "force":
             return [Place(effect.port)]
         if effect.needs_mass and not self.model.simulator.mechanics.modes:

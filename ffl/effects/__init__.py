@@ -32,6 +32,7 @@ from ffl.effects.saturation import Saturation
 from ffl.effects.sensor_nonlinearity import SensorNonlinearity
 from ffl.effects.spill import Spill
 from ffl.effects.stribeck_friction import StribeckFriction
+from ffl.effects.valve_stiction import ValveStiction
 from ffl.effects.viscous_friction import ViscousFriction
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
@@ -55,6 +56,7 @@ EFFECTS: dict[str, Effect] = {
         Hysteresis(),
         Saturation(),
         DeadZone(),
+        ValveStiction(),
         InputDelay(),
         ActuatorLag(),
         FlexibleMode(),

@@ -96,7 +96,8 @@ class Motion:
 @dataclass(frozen=True)
 class Parameter:
     """A parameter: `unit` in terms of F (force), x (output unit), s, Hz, rad; bounds; `linear` where
-    the effect's contribution is linear in it; `optional` with a default."""
+    the effect's contribution is linear in it; `optional` with a default; `stepped` where the motion
+    changes with it in steps, so that no slope tells how sure it is."""
 
     name: str
     unit: str
@@ -104,6 +105,7 @@ class Parameter:
     upper: float = np.inf
     linear: bool = True
     default: float | None = None
+    stepped: bool = False
 
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
@@ -138,7 +140,8 @@ class Effect:
     regressor is 1 by nature; a fitted one far from 1 speaks against the effect); `remembers` (its
     force law has a state, and so is called once more, with COMMIT, when the sub-step is solved);
     `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have);
-    `stages` (at port 'flow': lags in a row that it needs at least);
+    `stages` (at port 'flow': lags in a row that it needs at least); `of_processes` (looked for where
+    lags drive no stated mass);
     `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any);
     `ladder` (where the cost is not convex: the parameter that decides, and factors on what the
     regressor proposes for it, from which simulations begin).
@@ -159,6 +162,7 @@ class Effect:
     remembers: ClassVar[bool] = False
     needs_mass: ClassVar[bool] = True
     stages: ClassVar[int] = 1
+    of_processes: ClassVar[bool] = False
     switches: ClassVar[bool] = False
     ladder: ClassVar[tuple[str, Array] | None] = None
 

@@ -130,6 +130,27 @@ def test_slow_process_with_a_dead_zone():
     assert answer["effects"][0]["parameters"]["half_width"]["value"] == pytest.approx(6.0, rel=0.03)
 
 
+def test_a_valve_that_sticks():
+    """The stem simulated here; what the command does is found out, and how far it must go."""
+    rng = np.random.default_rng(4)
+    system = Zpk([-0.9], [0.88, 0.7], 0.02, 10.0)
+    plant = Plant("flow", system, input_unit="%", output_unit="m3/h")
+    made = []
+    for n in (900, 700):
+        wave = np.cumsum(rng.standard_normal(n))
+        u = 20.0 * np.sin(2 * np.pi * np.arange(n) / 140) + 0.7 * (wave - wave.mean())
+        stem, at = np.zeros(n), u[0]
+        for k in range(n):
+            at = u[k] if abs(u[k] - at) > 3.0 else at
+            stem[k] = at
+        made.append(open_loop(u, system.filter(stem) + 0.02 * rng.standard_normal(n), 10.0))
+    answer = diagnose(plant, made[:1], made[1:]).answer()
+    (found,) = answer["effects"]
+    assert (answer["verdict"], found["name"]) == ("explained", "valve_stiction")
+    assert found["parameters"]["band"]["value"] == pytest.approx(3.0, rel=0.03)
+    assert found["parameters"]["band"].get("std_error") is None
+
+
 def _rest(simulator: Simulator, force: float) -> np.ndarray:
     m = simulator.mechanics
     return np.linalg.solve(m.a, -m.b * force)

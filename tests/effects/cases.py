@@ -33,6 +33,18 @@ def reference() -> np.ndarray:
     return moves([there, back], 0.5, SAMPLE_TIME)
 
 
+def stuck(band):
+    stem = [0.0]
+
+    def drive(u, x, z):
+        if x == 0.0:  # a run begins
+            stem[0] = 0.0
+        stem[0] = u if abs(u - stem[0]) > band else stem[0]
+        return stem[0]
+
+    return drive
+
+
 def play(gap):
     def sense(x, memory):
         y = memory.get("y", x)
@@ -149,6 +161,7 @@ ORACLE = {
         Case(drive=lambda u, x, z: np.sign(u) * max(abs(u) - 1.0, 0.0)),
         1e-12,
     ),
+    "valve_stiction": ({"band": 0.7}, Case(drive=stuck(0.7)), 1e-11),
     "input_delay": ({"delay": 1.3e-3}, Case(split=0.3, late=1), 1e-11),
     "actuator_lag": (
         {"time_constant": 2e-3},

@@ -47,6 +47,12 @@ SMALL = {
     ),
     "saturation": ({"limit": 7.0}, {"limit": 7.0}),
     "dead_zone": ({"half_width": 1e-4}, {"shape": 1e-4}),
+    "valve_stiction": (
+        {
+            "band": 1e-3,
+        },
+        {"band": 1e-3, "kind": "jump"},
+    ),
     "input_delay": ({"delay": 1e-6}, {"shape": 1e-6}),
     "actuator_lag": ({"time_constant": 1e-6}, {"shape": 1e-6}),
     "flexible_mode": (
@@ -73,6 +79,7 @@ FIRST_ORDER = {
     "saturation": 0.3,
     "sensor_nonlinearity": 0.3,
     "dead_zone": 0.05,
+    "valve_stiction": 0.3,  # jumps of 1e-3 N at other samples as soon as the motion differs
     "coulomb_friction": 0.06,
     "asymmetric_friction": 0.06,
     "position_dependent_friction": 0.06,
