@@ -40,6 +40,7 @@ class Field:
     write: Callable[[Path, np.random.Generator], tuple[str, str]]
     wanted: dict[str, dict[str, float]]
     may_be_unnamed: bool = False
+    also: tuple[str, ...] = ()  # names that are there as well, of which one may be found or not
 
 
 def multisine(n, rate, low, high, rms, rng):  # type: ignore[no-untyped-def]
@@ -306,7 +307,7 @@ def pan_tilt(folder, rng):  # type: ignore[no-untyped-def]
 
 # Electronics: Wiener-Hammerstein, a diode between two filters.
 def diode(folder, rng):  # type: ignore[no-untyped-def]
-    rate, n = 51200.0, 40960
+    rate, n = 51200.0, 4096
     front = signal.cheby1(3, 0.5, 4400, fs=rate * 4, output="sos")
     back = signal.cheby2(3, 40, 5000, fs=rate * 4, output="sos")
     with h5py.File(folder / "WienerHammer.mat", "w", userblock_size=512) as file:
@@ -352,8 +353,9 @@ FIELDS = (
     Field(
         "dc_motor", "drive, German CSV", dc_motor,
         {"coulomb_friction": {"level": 0.03 * 0.9 / 0.055}, "saturation": {"limit": 17.0}},
+        also=("input_delay", "actuator_lag"),  # the winding, 0.89 ms
     ),
-    Field("sticky_valve", "process, dated TSV", sticky_valve, {}, may_be_unnamed=True),
+    Field("sticky_valve", "process, dated TSV", sticky_valve, {"valve_stiction": {"band": 3.0}}),
     Field("room", "building, CSV in minutes", room, {"sensor_nonlinearity": {"level": 45.0}}),
     Field("mems", "microsystem, HDF5", mems, {"hardening_spring": {"cubic_coefficient": 0.012 / 0.45}}),
     Field("ship", "ship, blanks, knots", ship, {"quadratic_drag": {"coefficient": 2.4 * 0.514444**2}}),
@@ -402,16 +404,16 @@ def one(field: Field, seed: int, folder: Path) -> dict:
     verdict = answer["verdict"]
     right = verdict in ("unnamed", "partly_explained") and not found and field.may_be_unnamed
     if field.wanted:
-        right = right or set(found) == set(field.wanted)
+        right = right or set(field.wanted) <= set(found) <= {*field.wanted, *field.also}
     elif not field.may_be_unnamed:
         right = verdict == "nothing_missing"
-    proof = answer["improvement"]
+    proof = answer["validation"]
     return row | {
         "verdict": verdict,
         "names": {n: round(e["confidence"], 2) for n, e in found.items()},
         "off": off,
-        "place": answer["location"],
-        "proof": proof,
+        "place": answer["location"].get("where", ""),
+        "nrmse": [round(proof[k], 5) for k in ("nrmse_before", "nrmse_after", "noise_floor")],
         "right": bool(right),
         "cpu": round(cpu + more, 1),
         "wall": round(time.perf_counter() - began, 1),

@@ -14,6 +14,7 @@ from ffl import __version__
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
 from ffl.errors import InputError
+from ffl.identify.linear.signals import as_signals
 from ffl.recordings import Recording, read_recording
 from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant, save_plant
@@ -258,6 +259,12 @@ def finite(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value
 
 
+def _at_limits(recordings: Sequence[Recording], plant: Plant | None) -> int:
+    """Samples whose output stands at the end of its sensor."""
+    signals = as_signals(recordings, None if plant is None else plant.controller)
+    return sum(int(np.sum(~s.shown)) for s in signals if s.shown is not None)
+
+
 def identify_with_report(
     method: str,
     data: Sequence[Path],
@@ -291,6 +298,9 @@ def identify_with_report(
     if method in BY_REGRESSION and _fed_back(recordings[0]):
         answer["note"] = FED_BACK
         found.page.section("Closed loop").note(FED_BACK)
+    if method == "linear" and (unseen := _at_limits(recordings, plant)):
+        answer["note"] = f"{unseen} samples at the limit of the sensor were not fitted"
+        found.page.section("Sensor").note(answer["note"])
     if out is not None:
         write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
         if found.plant is not None:

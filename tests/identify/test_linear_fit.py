@@ -5,6 +5,7 @@ import pytest
 
 from ffl.identify.linear import Signals, best_linear, estimate_delay, fit_linear
 from ffl.machines.simulator import Simulator
+from ffl.recordings import Recording
 from ffl.systems import Controller, StateSpace, Zpk, closed_loop, load_plant, save_plant
 
 T = 0.01
@@ -346,3 +347,15 @@ def test_the_constant_load_stands_for_the_offset_whatever_the_zeros():
     plant = fit_linear(Signals(u, y, T), 4).plant("p", with_load=True)
     run = Simulator(plant).run(plant.effects, np.zeros(1500), u)
     assert np.abs(run.y - y)[200:].max() < 0.01
+
+
+def test_samples_at_the_limit_of_a_sensor_are_not_fitted():
+    rng = np.random.default_rng(12)
+    u = np.repeat(rng.standard_normal(80), 20)
+    whole = PLANT.filter(u) + 1e-3 * rng.standard_normal(1600)
+    top = np.quantile(whole, 0.75)
+    clipped = Recording.from_signals(T, u=u, y=np.minimum(whole, top))
+    assert np.mean(clipped.y == top) > 0.2
+    model = best_linear([clipped], orders=(1, 2, 3))
+    assert model.structure.order == 2
+    assert np.max(relative_error(model, PLANT)) < 0.02

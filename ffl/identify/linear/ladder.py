@@ -48,7 +48,12 @@ def held_out(fitted: Fitted, problem: Problem, n_folds: int) -> Candidate:
         judge = replace(plain, weights=weights)
         for piece, weight in zip(problem.pieces, weights, strict=True):
             error = plain.predictor.target(piece) - judge.residual(point, piece).output
-            squares = error[weight[-error.size :] == 0.0] ** 2
+            judged = weight[-error.size :] == 0.0
+            if piece.shown is not None:
+                judged &= piece.shown[-error.size :]
+            squares = error[judged] ** 2
+            if not squares.size:
+                continue
             parts = max(1, min(SUB_BLOCKS, squares.size // 10))
             collected += [float(np.mean(b)) for b in np.array_split(squares, parts)]
     estimation = float(np.sqrt(plain.cost(fitted.point) / target.size / variance))

@@ -65,11 +65,13 @@ class Problem:
 
     def weight(self, piece: Signals) -> Array | None:
         """Weights of the rows of the whitened residual of `piece`."""
-        if self.weights is None:
-            return None
-        index = next(i for i, p in enumerate(self.pieces) if p is piece)
         rows = self.predictor.target(piece).size - (self.autoregression.size - 1)
-        return self.weights[index][-rows:]
+        own = None if piece.shown is None else piece.shown[-rows:].astype(float)
+        if self.weights is None:
+            return own
+        index = next(i for i, p in enumerate(self.pieces) if p is piece)
+        held_out = self.weights[index][-rows:]
+        return held_out if own is None else own * held_out
 
     def whiten(self, x: Array) -> Array:
         """The filter 1 + a_1 q^-1 + ... ; the first rows, which it cannot reach, are dropped."""

@@ -12,12 +12,17 @@ from ffl.errors import InputError
 from ffl.systems import Controller
 from ffl.systems.state_space import Array
 
+RUN = 8  # samples at one value in a row: a sensor at its limit
+MOVES = 0.01  # of the drive's range: what it must move meanwhile
+
 
 @dataclass(frozen=True)
 class Signals:
     """One recording as arrays of one length N: input `u`, output `y`, `sample_time` in seconds.
 
     `r` reference, `f` feedforward, `d` known load in the input's unit; None where not recorded.
+    `shown`: False where y stands at the limit of its sensor (None: nowhere); such samples are run
+    through but not fitted.
     """
 
     u: Array
@@ -27,6 +32,7 @@ class Signals:
     f: Array | None = None
     d: Array | None = None
     source: str = "signals"
+    shown: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("u", "y", "r", "f", "d"):
@@ -62,7 +68,7 @@ class Signals:
         """The samples start .. stop-1."""
         part = {
             name: None if getattr(self, name) is None else getattr(self, name)[start:stop]
-            for name in ("u", "y", "r", "f", "d")
+            for name in ("u", "y", "r", "f", "d", "shown")
         }
         return replace(self, **part)
 
@@ -121,7 +127,20 @@ def _from_recording(recording: Any, controller: Controller | None) -> Signals:
         column("f"),
         column("d"),
         source,
+        None if column("r") is not None else _below_limits(np.asarray(recording.y), np.asarray(u)),
     )
+
+
+def _below_limits(y: Array, u: Array) -> Array | None:
+    """False where y is at its largest or smallest value, to the last digit, where it stands there for
+    `RUN` samples or more while u moves; None where it never does. A limit bends any linear model."""
+    shown = np.ones(len(y), bool)
+    for limit in (y.max(), y.min()):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], (y == limit).astype(int), [0]])))
+        stays = zip(edges[::2], edges[1::2], strict=True)
+        if any(b - a >= RUN and np.ptp(u[a:b]) > MOVES * np.ptp(u) for a, b in stays):
+            shown[y == limit] = False
+    return None if shown.all() else shown
 
 
 def feedback_present(pieces: Sequence[Signals]) -> bool:
