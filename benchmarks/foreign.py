@@ -5,6 +5,7 @@ in a format of its field with names and units of its own, read through a small m
 by `ffl identify linear` and diagnosed by `ffl diagnose`, all through the command line.
 
     python benchmarks/foreign.py [NAME...] [--seed 1] [--keep DIR] [--json]
+    python benchmarks/foreign.py --keep DIR --picture reports/other_fields.png
 """
 
 from __future__ import annotations
@@ -420,13 +421,50 @@ def one(field: Field, seed: int, folder: Path) -> dict:
     }
 
 
+def draw(folder: Path, file: Path) -> None:
+    """Three held-out recordings, as identified and as diagnosed, from the answers kept in `folder`."""
+    import matplotlib.pyplot as plt
+
+    from ffl.diagnose.prove import run_plant
+    from ffl.diagnose.trials import prepare
+    from ffl.machines.simulator import Simulator
+    from ffl.recordings import read_recording
+    from ffl.systems import load_plant
+
+    shown = (
+        ("bouc_wen", "BoucWen_sweep.mat", "Bouc-Wen, sine sweep", "displacement [mm]", 1e3, 1.0),
+        ("ship", "trial_b.txt", "ship", "speed [kn]", 1.0, 1 / 60),
+        ("room", "week2.csv", "room, sensor ends at 45 degC", "temperature [degC]", 1.0, 1 / 3600),
+    )
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.4), layout="constrained")
+    for ax, (name, held, title, label, scale, clock) in zip(axes, shown, strict=True):
+        at = folder / name
+        x = read_recording(at / held, at / "data.map.toml")
+        ax.plot(clock * x.t, scale * x.y, color="0.2", linewidth=0.8, label="measured")
+        for path, colour, said in (
+            ("model/plant.toml", "#d55e00", "error as identified"),
+            ("answer/augmented.toml", "#0072b2", "error as diagnosed"),
+        ):
+            plant = load_plant(at / path)
+            run = run_plant(plant, prepare(Simulator(plant), x, 1e-3 * float(np.std(x.y))))
+            ax.plot(clock * x.t, scale * (x.y - run.y), color=colour, linewidth=0.8, label=said)
+        ax.set(title=title, ylabel=label, xlabel={1.0: "s", 1 / 60: "min"}.get(clock, "h"))
+        ax.grid(alpha=0.3)
+    axes[0].legend(fontsize=8, loc="upper left")
+    figure.savefig(file, dpi=110)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("names", nargs="*")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--picture", type=Path, help="draw what --keep has kept, and do no more")
     options = parser.parse_args()
+    if options.picture and options.keep:
+        draw(options.keep, options.picture)
+        return
     rows = []
     for field in FIELDS:
         if options.names and field.name not in options.names:

@@ -32,7 +32,10 @@ from ffl.systems.plant import Plant
 from ffl.systems.plant_file import plant_from_dict, plant_to_dict
 
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
-WORSE = 1.2  # times the held-out nrmse before: names that leave more are not said
+WORSE = (
+    1.2  # times the held-out nrmse before: names that leave more are not said. Where no noise is
+)
+# stated, all that is left passes for noise, and names that leave no less have shown nothing.
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 
@@ -75,7 +78,9 @@ def conclude(
     trusted = not standing.predicted
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
-    worse = trusted and not proof.nrmse_after < WORSE * proof.nrmse_before
+    machine = model.machine
+    noisy = WORSE if machine.sensor_noise and machine.force_noise else 1.0
+    worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
     seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
     if effects and worse and said != "unnamed":
         said = "partly_explained" if seen else "inconclusive"
@@ -204,9 +209,10 @@ def _advice(
     if said == "inconclusive" and "unlike" in place.where:
         return (_other_model(model),)
     if said == "inconclusive" and "hold" in place.where:
-        return (
-            "fit and judge by recordings over the same range, or begin with ffl identify linear",
-        )
+        begin = "record one wave at half and at full size: what does not scale is the physics"
+        if "ffl identify linear" not in model.source:
+            begin = "begin with ffl identify linear"
+        return (f"fit and judge by recordings over the same range, or {begin}",)
     out = [] if experiment is None else [experiment.advice]
     if said == "inconclusive":
         out.append(

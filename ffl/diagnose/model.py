@@ -30,6 +30,8 @@ LOBE = 0.5  # of a period over the travel: how far a start may be from the perio
 # Below one half Bouc and Wen's force gives back more than it took on a closed path (at 0 it forgets the
 # path and is a spring that gives way: gravity on a joint passed for it).
 PASSIVE = {("hysteresis", "beta"): 0.5}
+# Above one it is stiffer on the way back than ever on the way out, which is what hardens, not saturates.
+MOST_BACK = 1.0
 # Presliding friction and hysteresis are one law at two lengths: a contact that gives way over a
 # small part of the travel before it slides, a force that remembers the path over a large one.
 CONTACT = 0.025  # of the travel
@@ -222,6 +224,8 @@ class Model:
                 reach = float(np.clip(LOBE * value / travel, reach, 0.3))
                 upper = max(min(upper, travel), value)  # what does not come again is no period
             low = max(np.log(lower), at - reach) if lower > 0 else at - reach
+            own = (spec.name, parameter.name, spec.options.get("kind", "saturating"))
+            upper = MOST_BACK if own == ("hysteresis", "beta", "saturating") else upper
             high = min(np.log(upper), at + reach)
             low = max(low, self._shortest(spec, parameter.name))
             least = PASSIVE.get((spec.name, parameter.name), 0.0)

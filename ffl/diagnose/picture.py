@@ -14,7 +14,7 @@ from ffl.diagnose.linear import discrete
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.screen import nothing
 from ffl.diagnose.trials import Trial
-from ffl.effects.modal import force_unit
+from ffl.effects.modal import force_unit, is_speed
 from ffl.systems.state_space import Array
 
 CLEAR = 0.2  # of the driver's largest: where it is smaller, dividing by it shows noise
@@ -71,7 +71,10 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     name = {"position": "x", "velocity": "v", "command": "u"}[part.term.along]
     x = getattr(motion, name)
     per = f" per {part.term.driver}" if part.term.driver else ""
-    units = {"x": plant.output_unit, "v": f"{plant.output_unit}/s", "u": plant.input_unit}
+    place, speed = plant.output_unit, f"{plant.output_unit}/s"
+    if is_speed(plant.output_unit):
+        place, speed = f"{plant.output_unit} s", plant.output_unit
+    units = {"x": place, "v": speed, "u": plant.input_unit}
     return MapPicture(
         title, f"{part.term.along} [{units[name]}]",
         f"asked for and fitted{per}" + ("" if per else f" [{unit}]"),

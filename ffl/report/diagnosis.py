@@ -131,6 +131,11 @@ def page_of(d: Diagnosis) -> Page:
     if d.soundness.consistency:
         worst = 100 * max(d.soundness.consistency)
         page.text(f"The stated controller reproduces the command to {worst:.3g} % of its RMS.")
+    elif not d.soundness.faults:
+        page.text(
+            "No fault in times, gaps, sensor or units. No controller is stated, so nothing says whether "
+            "the command is what was sent."
+        )
     if d.judged is None:
         return page
     with drawing():

@@ -14,6 +14,7 @@ from ffl.diagnose.picture import MapPicture
 from ffl.diagnose.prove import Overlay
 from ffl.diagnose.rounds import Step
 from ffl.diagnose.where import Forces, Map
+from ffl.effects import is_speed
 from ffl.report.page import COLOURS
 
 POINTS = 2000  # most points of a curve
@@ -48,7 +49,11 @@ def force_against(ax: Axes, forces: Forces, variable: str) -> Axes:
         x[::step], forces.fitted[::step], ".", markersize=1.5, color=COLOURS[1], label="fitted law",
         rasterized=True,
     )  # fmt: skip
-    unit = f"{forces.output_unit}/s" if variable == "velocity" else forces.output_unit
+    unit = forces.output_unit
+    if is_speed(unit):
+        unit = unit if variable == "velocity" else f"{unit} s"
+    elif variable == "velocity":
+        unit = f"{unit}/s"
     ax.set_xlabel(f"{variable} [{unit}]")
     ax.set_ylabel(f"force [{forces.unit}]")
     ax.legend(markerscale=4)
