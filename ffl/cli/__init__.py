@@ -13,6 +13,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 # The verbs add themselves to the app, in the order in which --help shows them.
 from ffl.cli import learning, identification, challenge  # noqa: E402, F401  # isort: skip
 from ffl.cli.app import app  # noqa: E402
+from ffl.cli.interrupts import give_lost_interrupts_again  # noqa: E402
 from ffl.errors import InputError, WorkError  # noqa: E402
 
 INTERRUPTED = 130
@@ -63,4 +64,5 @@ def execute(args: list[str]) -> int:
 
 
 def main() -> None:
+    give_lost_interrupts_again()
     sys.exit(execute(sys.argv[1:]))
