@@ -31,6 +31,7 @@ from ffl.diagnose.judging import (
     levelled,
     mean_square,
     noise_error,
+    promise,
     raw_error,
     raw_residuals,
 )
@@ -41,7 +42,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
-from ffl.diagnose.settle import DRY, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
+from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts
 
@@ -49,6 +50,9 @@ FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
+NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
+FORKS = 2  # most of these that are followed
+ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
 
@@ -61,13 +65,64 @@ def contest(
     most: int = 3,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
-    """Forward selection with substitution; the most pliable effects come in when no other does."""
+    """Forward selection with substitution; the most pliable effects come in when no other does. Where
+    something is left that nobody may explain, it goes on beside the near rivals of those who stand
+    as well: who comes second by a little may be half of what comes first by far."""
     say = progress or (lambda line: None)
-    standing = judge(scene, held, model)
-    steps: list[Step] = []
-    contenders: dict[str, list[tuple[str, Judged]]] = {}
+    outcome = _climb(
+        scene, held, judge(scene, held, model), [], {}, frozenset(), threshold, most, say
+    )
+    for name, rival in forks(outcome):
+        say(f"the other way: {rival.name}, without {name}")
+        steps = [step for step in outcome.steps if step.accepted is not None]
+        start = rival.scene, rival.held, rival, steps, outcome.contenders
+        other = _climb(*start, frozenset({name}), threshold, most, say)
+        ahead, behind = levelled([other.standing, outcome.standing])
+        say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
+        if ahead.score > behind.score + SUBSTITUTE:
+            return other
+    return outcome
+
+
+def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
+    """(effect, hypothesis with another in its place), best first, that come near what stands, leave
+    something else than it, and by less than what the best of those that found no leave would bring."""
+    refused = []
+    for step in reversed(outcome.steps):
+        if step.accepted is not None:
+            break
+        refused += [rival.score - step.before.score for rival in step.rivals]
+    left = max(refused, default=0.0)
+    if left < KEEP:
+        return []
+    out = []
+    for name, others in outcome.contenders.items():
+        own = others[0][1]
+        for rival, other in others[1:]:
+            gap = own.score - other.score
+            if rival == name or gap > NEAR * left:
+                continue
+            if promise(other.fit.white, own.fit.white) > gap + KEEP:
+                out.append((gap, name, other))
+    return [(name, other) for _, name, other in sorted(out, key=lambda f: f[0])[:FORKS]]
+
+
+def _climb(
+    scene: Scene,
+    held: Scene | None,
+    standing: Judged,
+    steps: list[Step],
+    contenders: dict[str, list[tuple[str, Judged]]],
+    barred: frozenset[str],
+    threshold: float,
+    most: int,
+    say: Callable[[str], None],
+) -> Outcome:
+    """From `standing`, reached by `steps`, up to where nobody else earns a place; who is `barred` takes
+    the place of none before another has joined."""
     last_error = np.inf
     reserve = PLIABLE
+    turned_down: set[str] = set()  # in the present company
     again = False
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
@@ -86,28 +141,35 @@ def contest(
         last_contenders = contenders
         if base.model.effects:
             base, contenders = settle(
-                quiet, held, base, steps, reserve, say, last_contenders if again else {}
+                quiet, held, base, steps, reserve | barred, say, last_contenders if again else {}
             )
             one = base if again else one_for_two(quiet, held, base, say)
             if one is not base:
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one
         error = raw_error(held, base.model)
-        if steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
+        if not again and steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
             now, then = levelled([base, steps[-1].before])
             if now.held_out < then.held_out:
                 # What came in last does not hold up on the held-out recordings once all is refitted.
                 times = np.sqrt(error / last_error)
                 say(f"  turned down again: held-out error {times:.2f} times as large")
+                turned_down.add(steps[-1].accepted.model.names[-1])
                 steps[-1] = replace(steps[-1], accepted=None)
-                return Outcome(steps[-1].before, steps, held, last_contenders)
+                standing, contenders, again = steps[-1].before, last_contenders, True
+                scene = replace(scene, trials=standing.scene.trials)
+                held = standing.held
+                continue
+        if not again:
+            turned_down = set()
         last_error = error
-        if len(steps) == most:
+        joined = sum(step.accepted is not None for step in steps)
+        if joined == most or len(steps) == ROUNDS * most:
             return Outcome(base, steps, held, contenders)
         least = (
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
-        taken = excluded(base.model)
+        taken = excluded(base.model) | turned_down
         if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
             taken |= TIMED
         screened = []
@@ -150,7 +212,7 @@ def contest(
             continue
         if accepted is None:
             return Outcome(base, steps, held, contenders)
-        standing, again = accepted, False
+        standing, again, barred = accepted, False, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
 
