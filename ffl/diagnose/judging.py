@@ -14,6 +14,7 @@ from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.starts import with_clocks, with_starts
+from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
 
 PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: half of log N)
@@ -198,6 +199,8 @@ def mean_square(judged: Judged) -> float:
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
+    if not all(EFFECTS[spec.name].credible(spec.parameters) for spec in rival.model.effects):
+        return False
     rival, base = levelled([rival, base])
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
     held = rival.held_out - base.held_out
@@ -206,7 +209,8 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
         if fitted < SHARE * len(base.fit.white):
             return False
         drop, share = mean_square(base) / mean_square(rival), SHARE * len(base.held_white)
-        untold = fitted > UNTOLD and promise(rival.held_white, base.held_white) < share
+        told = promise(rival.held_white, base.held_white) * _worth(base)
+        untold = fitted > UNTOLD and told < share
         if held < share and drop < CLEARLY and not (sure or untold):
             return False
     if threshold and len(base.held_white) and held < CONFIRMED and not sure:
@@ -227,6 +231,11 @@ def promise(rival: Array, base: Array) -> float:
     if not len(base) or len(rival) != len(base):
         return np.inf
     return 0.5 * float(np.sum((rival - base) ** 2))
+
+
+def _worth(judged: Judged) -> float:
+    """Share of the held-out samples that are independent."""
+    return judged.independent / max(len(judged.held_white), 1)
 
 
 def _under_its_noise(rival: Judged, base: Judged) -> float:

@@ -16,6 +16,7 @@ from ffl.diagnose.judging import Judged, earns, judge, levelled, raw_residuals
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place, places_of
+from ffl.diagnose.settle import KEEP
 from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
@@ -34,6 +35,16 @@ def slight(spec: EffectSpec, plant: Plant) -> bool:
     """A delay or lag below a tenth of a sample: a correction of the model, not physics it lacks."""
     name = TENTH.get(spec.name)
     return name is not None and float(spec.parameters[name]) < 0.1 * plant.sample_time
+
+
+def added(model: Model) -> int:
+    """How many effects the contest has added that are more than corrections of the model."""
+    own = [spec for spec in model.effects if spec.name not in model.proven]
+    plant = model.base.plant
+    small = [
+        s for s in own if abs(float(s.parameters.get("change", 1.0))) < LINE or slight(s, plant)
+    ]
+    return len(own) - len(small)
 
 
 def sizes(scene: Scene, model: Model) -> dict[str, float]:
@@ -110,7 +121,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
             within = _within(held, current, name, LINE / abs(size))
             current = judge(current.scene, held, current.model, 4, current.fit)  # by the same noise
             if not _beyond(current, within):
-                current = within
+                current = _pruned(held, within)
                 continue
         best: Judged | None = None
         places = places_of(current.model)
@@ -168,6 +179,19 @@ def _netted(held: Scene | None, judged: Judged) -> Judged:
         net = replace(model.without(index), corrections={**model.corrections, name: own + amount})
         if not _claims(name, sizes(judged.scene, net)[name]):
             judged = judge(judged.scene, held, net, 8)
+    return judged
+
+
+def _pruned(held: Scene | None, judged: Judged) -> Judged:
+    """`judged` without those effects that, since a correction is held on the line, are worth nothing:
+    they stood beside one far beyond it."""
+    for name in judged.model.names:
+        if name in judged.model.proven:
+            continue
+        bare = judged.model.without(judged.model.names.index(name))
+        other, judged = levelled([judge(judged.scene, held, bare, 6, judged.fit), judged])
+        if other.score > judged.score - KEEP:
+            judged = other
     return judged
 
 
@@ -232,7 +256,7 @@ def _evened(held: Scene | None, judged: Judged) -> Judged:
 def _preloaded(judged: Judged) -> Judged:
     """A spring whose centre lies where the machine never was is a spring and a constant load: no
     recording tells the way to such a centre from a load. It is counted from 0 then, where that was
-    passed, and the load has the rest."""
+    passed, else from the middle of the travel, and the load has the rest."""
     model = judged.model
     if "linear_stiffness" not in model.names or "constant_load" in model.names:
         return judged
@@ -240,11 +264,16 @@ def _preloaded(judged: Judged) -> Judged:
     spring = model.effects[index]
     centre, stiffness = (float(spring.parameters[k]) for k in ("centre", "stiffness"))
     y = np.concatenate([trial.y for trial in judged.scene.trials])
-    if y.min() <= centre <= y.max() or not y.min() <= 0.0 <= y.max():
+    low, high = float(y.min()), float(y.max())
+    if low <= centre <= high:
         return judged
-    load = EffectSpec("constant_load", {"force": stiffness * centre}, dict(spring.options))
-    split = model.with_parameters(index, {"stiffness": stiffness}).with_effect(load)
-    return _as_it_stands(judged, split)
+    origin = 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
+    force = {"force": stiffness * (centre - origin)}
+    load = EffectSpec("constant_load", force, dict(spring.options))
+    about = (
+        {"stiffness": stiffness} if origin == 0.0 else {"stiffness": stiffness, "centre": origin}
+    )
+    return _as_it_stands(judged, model.with_parameters(index, about).with_effect(load))
 
 
 def _as_it_stands(judged: Judged, model: Model) -> Judged:

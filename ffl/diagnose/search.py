@@ -36,7 +36,7 @@ from ffl.diagnose.judging import (
     raw_residuals,
 )
 from ffl.diagnose.ladders import SWINGS, overlooked
-from ffl.diagnose.line import crosses, on_the_line
+from ffl.diagnose.line import added, crosses, on_the_line
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -79,7 +79,8 @@ def contest(
         other = _climb(*start, frozenset({name}), threshold, most, say)
         ahead, behind = levelled([other.standing, outcome.standing])
         say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
-        if ahead.score > behind.score + SUBSTITUTE:
+        error = raw_error(outcome.held, behind.model)
+        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, error):
             return other
     return outcome
 
@@ -148,7 +149,7 @@ def _climb(
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one
         error = raw_error(held, base.model)
-        if not again and steps and error > WORSE * max(last_error, noise_error(held, base.scene)):
+        if not again and steps and _worse(held, base, last_error):
             now, then = levelled([base, steps[-1].before])
             if now.held_out < then.held_out:
                 # What came in last does not hold up on the held-out recordings once all is refitted.
@@ -163,8 +164,7 @@ def _climb(
         if not again:
             turned_down = set()
         last_error = error
-        joined = sum(step.accepted is not None for step in steps)
-        if joined == most or len(steps) == ROUNDS * most:
+        if added(base.model) >= most or len(steps) == ROUNDS * most:
             return Outcome(base, steps, held, contenders)
         least = (
             FAINT if steps else FAINT / 2
@@ -215,6 +215,12 @@ def _climb(
         standing, again, barred = accepted, False, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _worse(held: Scene | None, judged: Judged, error: float) -> bool:
+    """Whether `judged` leaves more in the held-out recordings than `error` or noise does, by more than
+    one further effect may cost."""
+    return raw_error(held, judged.model) > WORSE * max(error, noise_error(held, judged.scene))
 
 
 def _claimants(

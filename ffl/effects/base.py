@@ -293,6 +293,11 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
+    def credible(self, values: Parameters) -> bool:
+        """Whether `values` are those of the physics that it is named for, not of what stands in for
+        something else."""
+        return True
+
     def shown(self, values: Parameters, position: float) -> float:
         """What the sensor shows of a machine that stands still at `position`."""
         return position

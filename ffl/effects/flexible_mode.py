@@ -52,6 +52,11 @@ class FlexibleMode(Effect):
             for z in (0.01, 0.1)
         ]
 
+    def credible(self, values: Parameters) -> bool:
+        """A mode resonates: above a damping of 1/sqrt(2) the hung mass answers no frequency by more
+        than it does a slow one."""
+        return bool(values["damping"] < np.sqrt(0.5))
+
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """M (a - H a), H the hung mass's own second-order response: first order in mass_fraction."""
         from scipy.signal import lfilter

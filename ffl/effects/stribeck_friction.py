@@ -11,6 +11,8 @@ from ffl.effects.solve import set_friction
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
+LEAST = 0.1  # of the static level: what friction keeps at speed
+
 
 @njit(error_model="numpy")
 def _level(p, speed):  # type: ignore[no-untyped-def]
@@ -62,6 +64,10 @@ class StribeckFriction(Effect):
     law = staticmethod(_law)
     remembers = True
     switches = True
+
+    def credible(self, values: Parameters) -> bool:
+        """Some of the level stays at speed; what vanishes there is no dry friction."""
+        return bool(values["coulomb_level"] > LEAST * values["static_level"])
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]
