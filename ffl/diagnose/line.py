@@ -37,14 +37,11 @@ def slight(spec: EffectSpec, plant: Plant) -> bool:
     return name is not None and float(spec.parameters[name]) < 0.1 * plant.sample_time
 
 
-def added(model: Model) -> int:
-    """How many effects the contest has added that are more than corrections of the model."""
-    own = [spec for spec in model.effects if spec.name not in model.proven]
-    plant = model.base.plant
-    small = [
-        s for s in own if abs(float(s.parameters.get("change", 1.0))) < LINE or slight(s, plant)
-    ]
-    return len(own) - len(small)
+def same_number(model: Model) -> set[str]:
+    """Effects that are a free correction of the model by another name: the mass of a machine that has
+    only one, which crosses the line at the end if it must."""
+    free = any(c.name == "mass" for c in model.base.corrections) and "mass" not in model.held
+    return {NAMES["mass"]} if free and len(places_of(model)) == 1 else set()
 
 
 def sizes(scene: Scene, model: Model) -> dict[str, float]:

@@ -36,7 +36,7 @@ from ffl.diagnose.judging import (
     raw_residuals,
 )
 from ffl.diagnose.ladders import SWINGS, overlooked
-from ffl.diagnose.line import added, crosses, on_the_line
+from ffl.diagnose.line import crosses, on_the_line, same_number
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -105,7 +105,10 @@ def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
                 continue
             if promise(other.fit.white, own.fit.white) > gap + KEEP:
                 out.append((gap, name, other))
-    return [(name, other) for _, name, other in sorted(out, key=lambda f: f[0])[:FORKS]]
+    nearest: dict[tuple[str, ...], tuple[str, Judged]] = {}
+    for _, name, other in sorted(out, key=lambda f: f[0]):
+        nearest.setdefault(other.model.names, (name, other))
+    return list(nearest.values())[:FORKS]
 
 
 def _climb(
@@ -164,12 +167,13 @@ def _climb(
         if not again:
             turned_down = set()
         last_error = error
-        if added(base.model) >= most or len(steps) == ROUNDS * most:
+        joined = sum(step.accepted is not None for step in steps)
+        if joined == most or len(steps) == ROUNDS * most:
             return Outcome(base, steps, held, contenders)
         least = (
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
-        taken = excluded(base.model) | turned_down
+        taken = excluded(base.model) | turned_down | same_number(base.model)
         if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
             taken |= TIMED
         screened = []
