@@ -197,9 +197,16 @@ def mean_square(judged: Judged) -> float:
     return float(np.mean(judged.held_white**2)) if len(judged.held_white) else 1.0
 
 
+def credible(judged: Judged) -> bool:
+    """Whether every effect has numbers of the physics that it is named for."""
+    duration = max(len(trial.t) * trial.sample_time for trial in judged.scene.trials)
+    effects = judged.model.effects
+    return all(EFFECTS[spec.name].credible(spec.parameters, duration) for spec in effects)
+
+
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
-    if not all(EFFECTS[spec.name].credible(spec.parameters) for spec in rival.model.effects):
+    if not credible(rival):
         return False
     rival, base = levelled([rival, base])
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)

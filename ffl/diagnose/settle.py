@@ -9,7 +9,7 @@ from functools import partial
 
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.friction_table import refined
-from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, earns, judge, levelled
+from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, credible, earns, judge, levelled
 from ffl.diagnose.ladders import with_best_start
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -84,7 +84,8 @@ def settle(
         for rival, other, lines in each(
             trial, challengers(quiet, current, index, steps, reserve, only)
         ):
-            others.append((rival, other))
+            if credible(other):
+                others.append((rival, other))
             for line in lines:
                 say(line)
         names, tried = zip(*others, strict=True)

@@ -13,6 +13,7 @@ from ffl.effects.solve import bulge_of, set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
+BRIEF = 0.05  # of the recording: no drift is faster
 KINDS = ("exponential", "sine", "ramp")
 
 
@@ -54,12 +55,16 @@ class Drift(Effect):
         kind = float(KINDS.index(setting.options.get("kind", "exponential")))
         return [values["amplitude"] / setting.force_per_input, values["time_constant"], kind]
 
+    def credible(self, values: Parameters, duration: float) -> bool:
+        """What settles at once is a load that begins, not a drift."""
+        return bool(values["time_constant"] >= BRIEF * duration)
+
     def grid(self, motion: Motion) -> list[dict[str, Any]]:
         duration = len(motion.t) * motion.sample_time
         return [
             {"time_constant": float(tau), "kind": kind}
             for kind in KINDS
-            for tau in (duration * np.geomspace(0.05, 4.0, 8) if kind != "ramp" else [duration])
+            for tau in (duration * np.geomspace(BRIEF, 4.0, 8) if kind != "ramp" else [duration])
         ]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:

@@ -52,7 +52,7 @@ class FlexibleMode(Effect):
             for z in (0.01, 0.1)
         ]
 
-    def credible(self, values: Parameters) -> bool:
+    def credible(self, values: Parameters, duration: float) -> bool:
         """A mode resonates: above a damping of 1/sqrt(2) the hung mass answers no frequency by more
         than it does a slow one."""
         return bool(values["damping"] < np.sqrt(0.5))

@@ -65,7 +65,7 @@ class StribeckFriction(Effect):
     remembers = True
     switches = True
 
-    def credible(self, values: Parameters) -> bool:
+    def credible(self, values: Parameters, duration: float) -> bool:
         """Some of the level stays at speed; what vanishes there is no dry friction."""
         return bool(values["coulomb_level"] > LEAST * values["static_level"])
 
