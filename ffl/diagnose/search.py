@@ -101,8 +101,8 @@ def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
         own = others[0][1]
         for rival, other in others[1:]:
             gap = own.score - other.score
-            if rival == name or gap > NEAR * left:
-                continue
+            if rival == name or {rival, name} <= DRY or gap > NEAR * left:
+                continue  # forms of one friction differ by too little to be another way
             if promise(other.fit.white, own.fit.white) > gap + KEEP:
                 out.append((gap, name, other))
     nearest: dict[tuple[str, ...], tuple[str, Judged]] = {}
