@@ -15,10 +15,11 @@ from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
-from ffl.diagnose.imitate import imitated
+from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import LOST, OPEN, UNTOLD
 from ffl.diagnose.model import Model
 from ffl.effects import Motion
+from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
@@ -28,6 +29,7 @@ FAR = (
     2.5  # times what maps leave: names that leave more are not nearly right, whatever they took off
 )
 EARNED = 0.05  # share of the mismatch that names must take off beside maps
+MANY = 20  # draws of noise that bursts are held against before they are called events
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
 SHUFFLES = 3
 BLOCKS = 20  # pieces of a recording that a variable's shuffling moves about
@@ -84,8 +86,10 @@ def compare(
         # What sticks and slips answers noise in bursts, louder than the loop alone would make it; slow
         # noise holds few independent samples in a short window and looks like bursts on any machine.
         alike = imitated(standing.plant(), scene.trials, scene.noise, rng)
-        usual = max((events(scene, one.y, stated).ratio for one in alike), default=0.0)
-        bursts = replace(bursts, limit=max(bursts.limit, LOUDER * usual))
+        bursts = _beyond(bursts, scene, alike, stated)
+        if bursts.found:  # a few draws may all be tame
+            more = imitated(standing.plant(), scene.trials, scene.noise, rng, MANY)
+            bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     calm = loud < QUIET_ENOUGH and not bursts.found
     maps = free_form(scene, held, nominal if named else standing)
@@ -119,6 +123,12 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _beyond(bursts: Events, scene: Scene, alike: list[Imitation], stated: Plant | None) -> Events:
+    """`bursts`, found only where they are louder than those of recordings `alike` in which noise is all."""
+    usual = max((events(scene, one.y, stated).ratio for one in alike), default=0.0)
+    return replace(bursts, limit=max(bursts.limit, LOUDER * usual))
 
 
 def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
