@@ -80,7 +80,7 @@ def contest(
         ahead, behind = levelled([other.standing, outcome.standing])
         say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
         error = raw_error(outcome.held, behind.model)
-        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, error):
+        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, error):
             return other
     return outcome
 
@@ -152,18 +152,16 @@ def _climb(
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one
         error = raw_error(held, base.model)
-        if not again and steps and _worse(held, base, last_error):
-            now, then = levelled([base, steps[-1].before])
-            if now.held_out < then.held_out:
-                # What came in last does not hold up on the held-out recordings once all is refitted.
-                times = np.sqrt(error / last_error)
-                say(f"  turned down again: held-out error {times:.2f} times as large")
-                turned_down.add(steps[-1].accepted.model.names[-1])
-                steps[-1] = replace(steps[-1], accepted=None)
-                standing, contenders, again = steps[-1].before, last_contenders, True
-                scene = replace(scene, trials=standing.scene.trials)
-                held = standing.held
-                continue
+        if not again and steps and _worse(held, base, steps[-1].before, last_error):
+            # What came in last does not hold up on the held-out recordings once all is refitted.
+            times = np.sqrt(error / last_error)
+            say(f"  turned down again: held-out error {times:.2f} times as large")
+            turned_down.add(steps[-1].accepted.model.names[-1])
+            steps[-1] = replace(steps[-1], accepted=None)
+            standing, contenders, again = steps[-1].before, last_contenders, True
+            scene = replace(scene, trials=standing.scene.trials)
+            held = standing.held
+            continue
         if not again:
             turned_down = set()
         last_error = error
@@ -221,10 +219,12 @@ def _climb(
         held = accepted.held
 
 
-def _worse(held: Scene | None, judged: Judged, error: float) -> bool:
-    """Whether `judged` leaves more in the held-out recordings than `error` or noise does, by more than
-    one further effect may cost."""
-    return raw_error(held, judged.model) > WORSE * max(error, noise_error(held, judged.scene))
+def _worse(held: Scene | None, judged: Judged, before: Judged, error: float) -> bool:
+    """Whether `judged` leaves more in the held-out recordings than `error`, which `before` leaves, or
+    than noise does, by more than one further effect may cost, and less likely so."""
+    now, then = levelled([judged, before])
+    most = WORSE * max(error, noise_error(held, judged.scene))
+    return now.held_out < then.held_out and raw_error(held, judged.model) > most
 
 
 def _claimants(

@@ -1,0 +1,89 @@
+"""The contest's ways: who was turned down, who comes near, and what is no finding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import search
+from ffl.diagnose.line import same_number
+from ffl.diagnose.rounds import Outcome, Step
+from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
+
+THRESHOLD = 20.0
+FRICTION = EffectSpec("coulomb_friction", {"level": 2.0})
+LOAD = EffectSpec("constant_load", {"force": 1.5})
+
+
+def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monkeypatch):
+    machine = replace(stage, effects=(FRICTION, LOAD))
+    scene, held, model = scenes(record(machine))
+    asked = []
+
+    def worse(held, judged, before, error):
+        asked.append(judged.model.names)
+        return len(asked) == 1
+
+    monkeypatch.setattr(search, "_worse", worse)
+    outcome = search.contest(scene, held, model, THRESHOLD)
+    (first,) = asked[0]
+    assert outcome.steps[0].accepted is None  # the first that came in, turned down
+    assert outcome.steps[1].accepted.model.names[-1] != first
+    assert set(outcome.standing.model.names) == {"coulomb_friction", "constant_load"}
+
+
+def judged(score, white, *names):
+    model = SimpleNamespace(names=names)
+    return SimpleNamespace(score=score, fit=SimpleNamespace(white=np.asarray(white)), model=model)
+
+
+def outcome(refused, **rivals):
+    """What stands is an overflow and a spring, 0; `refused`: what a third would have brought."""
+    own = judged(0.0, np.zeros(100), "overflow", "hardening_spring")
+    before = SimpleNamespace(score=0.0)
+    steps = [
+        Step(before, (), (), own),
+        Step(before, (), (SimpleNamespace(score=refused),), None),
+    ]
+    others = [("hardening_spring", own), *rivals.items()]
+    return Outcome(own, steps, None, {"hardening_spring": others})
+
+
+NEAR, FAR = judged(-5.0, np.ones(100), "overflow", "outflow"), judged(-40.0, np.ones(100), "spill")
+
+
+def test_a_near_rival_is_another_way_where_something_is_left():
+    assert search.forks(outcome(60.0, outflow=NEAR)) == [("hardening_spring", NEAR)]
+    assert search.forks(outcome(60.0, outflow=NEAR, spill=FAR)) == [("hardening_spring", NEAR)]
+
+
+def test_no_other_way_where_nothing_is_left_or_the_rival_says_the_same():
+    assert search.forks(outcome(10.0, outflow=NEAR)) == []
+    same = judged(-5.0, np.zeros(100), "overflow", "outflow")
+    assert search.forks(outcome(60.0, outflow=same)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "credible"),
+    [
+        ("flexible_mode", {"frequency": 60.0, "damping": 0.02, "mass_fraction": 0.1}, True),
+        ("flexible_mode", {"frequency": 60.0, "damping": 1.0, "mass_fraction": 0.7}, False),
+        ("stribeck_friction", {"coulomb_level": 3.0, "static_level": 5.0}, True),
+        ("stribeck_friction", {"coulomb_level": 0.0, "static_level": 5.0}, False),
+        ("drift", {"amplitude": 1.0, "time_constant": 2.0}, True),
+        ("drift", {"amplitude": 1.0, "time_constant": 0.01}, False),
+        ("constant_load", {"force": 1.0}, True),
+    ],
+)
+def test_numbers_of_the_physics_that_an_effect_is_named_for(name, values, credible):
+    assert EFFECTS[name].credible(values, 8.0) is credible
+
+
+def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, record, scenes):
+    _, _, model = scenes(record(stage))
+    assert same_number(model) == {"mass_change"}
+    assert same_number(model.__class__(model.base, held=frozenset({"mass"}))) == set()
