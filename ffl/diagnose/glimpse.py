@@ -16,6 +16,7 @@ from ffl.diagnose.starts import with_clocks
 
 GLIMPSE = 3  # steps by which it is seen whether a rival gets anywhere
 PLACES = 2  # of one effect that are fitted on
+SAME = 1e-3  # of what a rival takes off: nearer, one of the same place has only begun elsewhere
 PROMISING = 0.3  # of what the best rival takes off the sum of squares by then
 
 
@@ -33,10 +34,20 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
 
     fits = each(begun, entrants)
     most = max((cost - f.cost for f in fits), default=0.0)
-    chosen, count = [], Counter[str]()
+    chosen: list[Fit] = []
+    count = Counter[str]()
     for f in sorted(fits, key=lambda f: f.cost):
         name = f.model.names[-1]
+        if any(_same(f, other, SAME * max(cost - f.cost, 1.0)) for other in chosen):
+            continue
         count[name] += 1
         if count[name] <= PLACES and cost - f.cost >= PROMISING * most:
             chosen.append(f)
     return chosen
+
+
+def _same(one: Fit, other: Fit, within: float) -> bool:
+    """The same effect at the same place, in the same valley."""
+    this, that = one.model.effects[-1], other.model.effects[-1]
+    alike = this.name == that.name and dict(this.options) == dict(that.options)
+    return alike and abs(one.cost - other.cost) < within
