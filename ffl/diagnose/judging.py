@@ -199,9 +199,14 @@ def mean_square(judged: Judged) -> float:
 
 def credible(judged: Judged) -> bool:
     """Whether every effect has numbers of the physics that it is named for."""
-    duration = max(len(trial.t) * trial.sample_time for trial in judged.scene.trials)
-    effects = judged.model.effects
-    return all(EFFECTS[spec.name].credible(spec.parameters, duration) for spec in effects)
+    return all(
+        EFFECTS[spec.name].credible(spec.parameters, _longest(judged.scene))
+        for spec in judged.model.effects
+    )
+
+
+def _longest(scene: Scene) -> float:
+    return max(len(trial) * trial.sample_time for trial in scene.trials)
 
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
