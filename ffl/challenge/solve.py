@@ -56,7 +56,7 @@ def find_cases(folder: Path | str) -> list[CaseFiles]:
     return found
 
 
-def shipped_diagnosis(limit: float = 300.0, command: Sequence[str] | None = None) -> Solver:
+def shipped_diagnosis(limit: float = 600.0, command: Sequence[str] | None = None) -> Solver:
     """Solver that runs `ffl diagnose --model ... --validate ... --out ... --json` as a user would.
 
     Exit code 2 becomes the verdict "refused" with its line, any other failure or more than

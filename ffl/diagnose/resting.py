@@ -11,28 +11,40 @@ from ffl.machines.simulator import Simulator
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
-STANDING = frozenset({"position"})  # what a force may depend on that also acts at standstill
+SLOW = frozenset({"position", "time", "temperature"})  # a force by these also acts at standstill
 
 
 def winds(simulator: Simulator, effects: Sequence[EffectSpec]) -> bool:
-    """Whether forces at standstill stretch a spring of the plant: it moves freely as a whole, has
-    modes beside, and something pulls at a point or holds it."""
+    """Whether forces at standstill stretch a spring of the plant: in open loop it stands on one, or it
+    moves freely as a whole, has modes beside, and something pulls at a point or holds it."""
     modes = simulator.mechanics.modes
+    if springs_back(simulator):
+        return True
     if len(modes) < 2 or not modes[0].rigid:
         return False
-    return any(_stands(spec) or _holds(spec) for spec in effects)
+    closed = simulator.plant.controller is not None
+    return closed and any(_stands(spec) or _holds(spec) for spec in effects)
+
+
+def springs_back(simulator: Simulator) -> bool:
+    """A stage on a spring in open loop: it stands where all forces balance, and swings about there."""
+    modes = simulator.mechanics.modes
+    if simulator.plant.controller is not None or not modes:
+        return False
+    return bool(modes[0].damping ** 2 < 4.0 * modes[0].stiffness)
 
 
 def wound(
-    simulator: Simulator, effects: Sequence[EffectSpec], command: float, start: Array
+    simulator: Simulator, effects: Sequence[EffectSpec], command: float, time: float, start: Array
 ) -> Array:
     """`start` with the plant's springs in balance at the same output, speed zero:
-        A x + b u + sum_j p_j F_j(x) + p R = 0,
-    forces F_j of position alone at their points p_j, `command` u (input units); dry friction holds
-    with R at its own point, without it the drive does. A move that ends leaves a machine so."""
+        A x + b u + sum_j p_j F_j(x, t) + p R = 0,
+    forces F_j of position and slow time alone at their points p_j, `command` u (input units), `time` t
+    (s); dry friction holds with R at its own point, without it the drive does: a move that ends leaves
+    a machine so. In open loop no drive does, and the output is where the forces balance."""
     m = simulator.mechanics
     n = m.own
-    pull, hold = m.b[:n] * command, m.b[:n]
+    pull, hold, held = m.b[:n] * command, m.b[:n], not springs_back(simulator)
     for spec in effects:
         if not (_stands(spec) or _holds(spec)):
             continue
@@ -40,25 +52,28 @@ def wound(
         setting = Setting(simulator.force_per_input, m, spec.options)
         point = m.point(effect.side_in(setting), setting.mass_ratio)
         if _holds(spec):
-            hold = point.force[:n]
+            hold, held = point.force[:n], True
             continue
-        still = Motion.still(float(point.position[:n] @ start[:n]), m.sample_time)
+        still = Motion.still(float(point.position[:n] @ start[:n]), m.sample_time, time)
         force = float(effect.signal(spec, still)[0]) / simulator.force_per_input
         pull = pull + point.force[:n] * force
-    system = np.block([[m.a[:n, :n], hold[:, None]], [m.c[None, :n], np.zeros((1, 1))]])
+    out, a = start.copy(), m.a[:n, :n]
+    system, wanted = a, -pull - a @ start[:n]
+    if held:
+        system = np.block([[a, hold[:, None]], [m.c[None, :n], np.zeros((1, 1))]])
+        wanted = np.append(wanted, 0.0)
     scale = np.abs(system).max(axis=1, keepdims=True)
     scale[scale == 0] = 1.0
-    wanted = np.append(-pull, 0.0) / scale[:, 0]
-    out = start.copy()
-    out[:n] += np.linalg.lstsq(system / scale, wanted, rcond=1e-13)[0][:n]
+    out[:n] += np.linalg.lstsq(system / scale, wanted / scale[:, 0], rcond=1e-13)[0][:n]
     out[simulator.n_plant : simulator.n_plant + m.delay] = command
     return out
 
 
 def _stands(spec: EffectSpec) -> bool:
-    """A force at standstill, by where the machine stands alone."""
+    """A force at standstill, by where the machine stands and how long alone."""
     effect = EFFECTS[spec.name]
-    return effect.port == "force" and not _holds(spec) and set(effect.depends_on) <= STANDING
+    slow = set(effect.depends_on) <= SLOW and effect.scan != "time"
+    return effect.port == "force" and not _holds(spec) and slow
 
 
 def _holds(spec: EffectSpec) -> bool:

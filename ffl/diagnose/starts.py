@@ -50,8 +50,7 @@ def _open(scene: Scene, model: Model) -> bool:
     """Whether the model has a say in how a recording began."""
     if not all(trial.at_rest for trial in scene.trials):
         return True
-    closed = scene.loop.controller is not None
-    return _reach(model) > 0 or (closed and winds(model.base.simulator, model.acting))
+    return _reach(model) > 0 or winds(model.base.simulator, model.acting)
 
 
 def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.linear import carried, discrete
-from ffl.diagnose.resting import winds, wound
+from ffl.diagnose.resting import springs_back, winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
 from ffl.errors import InputError
@@ -236,7 +236,9 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     known_command = np.all(np.isfinite(recording.u))
     if rest:
         start[:] = simulator.at_rest(first)
-        if plant.controller is None and simulator.mechanics.order:
+        if springs_back(simulator):
+            start[n_plant : n_plant + delay] = recording.u[0]
+        elif plant.controller is None and simulator.mechanics.order:
             # In open loop rest is where the first command holds it.
             held = float(recording.u[0]) + _loads(simulator, plant.effects)
             start = rest_under(simulator, float(recording.u[0]), held, first)
@@ -266,6 +268,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         rest,
         simulator.mechanics,
         0.0 if rest else _travel(recording, is_speed(plant.output_unit)),
+        rest and springs_back(simulator),
     )
 
 
@@ -302,11 +305,11 @@ def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) 
     if simulator.mechanics is not trial.mechanics:
         start = carried(start, trial.mechanics, simulator.mechanics)
     shown = [(EFFECTS[s.name], s.parameters) for s in effects if EFFECTS[s.name].port == "output"]
-    if not trial.at_rest or simulator.plant.controller is None:
+    if not trial.at_rest:
         return start
     if trial.loaded and winds(simulator, effects):
-        start = wound(simulator, effects, trial.holding, start)
-    if not shown:
+        start = wound(simulator, effects, trial.holding, trial.start_time, start)
+    if not shown or simulator.plant.controller is None:
         return start
     return behind_sensor(
         simulator, start, lambda x: sum(effect.shown(values, x) - x for effect, values in shown)

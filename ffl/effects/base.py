@@ -71,10 +71,10 @@ class Motion:
         return cls(t, r, np.zeros_like(r), r, v, np.gradient(v, sample_time), sample_time, mass)
 
     @classmethod
-    def still(cls, position: float, sample_time: float) -> Motion:
-        """Two samples of standstill at a position, without command."""
+    def still(cls, position: float, sample_time: float, time: float = 0.0) -> Motion:
+        """Two samples of standstill at a position and a time, without command."""
         at, zero = np.full(2, position), np.zeros(2)
-        return cls(zero, at, zero, at, zero, zero, sample_time)
+        return cls(np.full(2, time), at, zero, at, zero, zero, sample_time)
 
     @property
     def direction(self) -> Array:

@@ -223,3 +223,28 @@ def test_damping_said_twice_is_said_once(spring, error, named):
     twice = replace(machine, corrections={"damping": (error - 3.0) * own}, effects=(extra,))
     found = across_the_line(scene, None, judge(scene, None, twice, rounds=0)).model
     assert found.names == named
+
+
+@pytest.mark.parametrize(
+    ("effect", "start"),
+    [
+        (EffectSpec("constant_load", {"force": 3.0}), 0.0),
+        (EffectSpec("drift", {"amplitude": 3.0, "time_constant": 2.0}), 40.0),
+    ],
+    ids=["load", "drift"],
+)
+def test_a_stage_on_a_spring_begins_where_its_forces_balance(spring, effect, start):
+    """It stands at (command + force) / stiffness, and stays there."""
+    n = 400
+    t, zero = start + STEP * np.arange(n), np.zeros(n)
+    rest = (HELD + 3.0) / (MASS * W**2)
+    y = rest + 1e-9 * np.random.default_rng(0).standard_normal(n)
+    held = zero + HELD
+    recording = Recording(t=t, r=zero, f=held, u=held, y=y, d=None, sample_time=STEP, source="")
+    model = Model(Base.of(spring))
+    trial = prepare(model.base.simulator, recording, 1e-9)
+    assert trial.at_rest
+    stood = model.with_effect(effect).simulate(trial).y
+    np.testing.assert_allclose(stood, rest, rtol=1e-6)
+    bare = model.simulate(trial).y  # without the force: elsewhere, and as still
+    np.testing.assert_allclose(bare, HELD / (MASS * W**2), rtol=1e-9)
