@@ -32,10 +32,9 @@ from ffl.systems.plant import Plant
 from ffl.systems.plant_file import plant_from_dict, plant_to_dict
 
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
-WORSE = (
-    1.2  # times the held-out nrmse before: names that leave more are not said. Where no noise is
-)
-# stated, all that is left passes for noise, and names that leave no less have shown nothing.
+# Times the held-out nrmse before: names that leave more are not said. Where no noise is stated, all that
+# is left passes for noise, and names that leave no less have shown nothing.
+WORSE = 1.2
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 

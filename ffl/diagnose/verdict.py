@@ -16,10 +16,9 @@ from ffl.systems.plant import Plant
 LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
 WHITE = 0.25  # of the samples independent: a residual with fewer is structure, not noise
 BENT = 0.3  # of a mass, gain or stiffness: an engineer's is known to some per cent
-STRUCTURED = (
-    1.5  # mean square of the whitened held-out residual above which structure remains; below
-)
-# its reciprocal too: what the fitted recordings were left with is louder where they are louder, no noise
+# Mean square of the whitened held-out residual above which structure remains; below its reciprocal too:
+# what the fitted recordings were left with is louder where they are louder, and so no noise.
+STRUCTURED = 1.5
 
 
 def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, where.Place]:

@@ -34,9 +34,8 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
             high = force
         else:
             low = force
-        share = (
-            1.0 - (1.0 - 2.0 * p[4]) * abs(z1) ** p[2]
-        )  # slope of z along the motion, near enough for Newton
+        # Slope of z along the motion, near enough for Newton.
+        share = 1.0 - (1.0 - 2.0 * p[4]) * abs(z1) ** p[2]
         following = force - error / (1.0 + p[0] / p[1] * gx * share)
         if abs(following - force) <= 1e-12 * p[0]:
             force = following
