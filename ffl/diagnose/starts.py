@@ -13,6 +13,7 @@ from ffl.diagnose.resting import winds
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
 from ffl.effects import EFFECTS
+from ffl.errors import InputError
 from ffl.systems.state_space import Array
 
 SECONDS = 1.0  # what the start still shows in
@@ -138,14 +139,17 @@ def _spread(trial: Trial, model: Model) -> np.ndarray:
 def with_clocks(scene: Scene, model: Model, from_trial: int) -> Scene:
     """The scene with the unknown clock offsets of trials `from_trial` onwards fitted to the model's
     periodic disturbance, whose phase in each recording is free, frequency and amplitude are not, or to
-    its drift, of which each recording may show a later part."""
+    its drift, of which each recording may show a later part; as it is where there is no such machine."""
     if not scene.free_clocks:
         return scene
     names = [e.name for e in model.effects]
-    if "periodic_disturbance" in names:
-        return _in_phase(scene, model, names.index("periodic_disturbance"), from_trial)
-    if "drift" in names:
-        return _warmed(scene, model, names.index("drift"), from_trial)
+    try:
+        if "periodic_disturbance" in names:
+            return _in_phase(scene, model, names.index("periodic_disturbance"), from_trial)
+        if "drift" in names:
+            return _warmed(scene, model, names.index("drift"), from_trial)
+    except InputError:  # a mass that leaves none at its point: no fit goes there either
+        return scene
     return scene
 
 
