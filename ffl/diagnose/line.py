@@ -252,8 +252,8 @@ def _evened(held: Scene | None, judged: Judged) -> Judged:
 
 def _preloaded(judged: Judged) -> Judged:
     """A spring whose centre lies where the machine never was is a spring and a constant load: no
-    recording tells the way to such a centre from a load. It is counted from 0 then, where that was
-    passed, else from the middle of the travel, and the load has the rest."""
+    recording tells the way to such a centre from a load. It is counted from 0 then, and the load
+    has the rest; where 0 was not passed either, only if the centre is farther than the travel."""
     model = judged.model
     if "linear_stiffness" not in model.names or "constant_load" in model.names:
         return judged
@@ -262,15 +262,12 @@ def _preloaded(judged: Judged) -> Judged:
     centre, stiffness = (float(spring.parameters[k]) for k in ("centre", "stiffness"))
     y = np.concatenate([trial.y for trial in judged.scene.trials])
     low, high = float(y.min()), float(y.max())
-    if low <= centre <= high:
+    travel = 0.0 if low <= 0.0 <= high else high - low
+    if low - travel <= centre <= high + travel:
         return judged
-    origin = 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
-    force = {"force": stiffness * (centre - origin)}
-    load = EffectSpec("constant_load", force, dict(spring.options))
-    about = (
-        {"stiffness": stiffness} if origin == 0.0 else {"stiffness": stiffness, "centre": origin}
-    )
-    return _as_it_stands(judged, model.with_parameters(index, about).with_effect(load))
+    load = EffectSpec("constant_load", {"force": stiffness * centre}, dict(spring.options))
+    split = model.with_parameters(index, {"stiffness": stiffness}).with_effect(load)
+    return _as_it_stands(judged, split)
 
 
 def _as_it_stands(judged: Judged, model: Model) -> Judged:

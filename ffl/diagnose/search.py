@@ -87,12 +87,16 @@ def contest(
 
 def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
     """(effect, hypothesis with another in its place), best first, that come near what stands, leave
-    something else than it, and by less than what the best of those that found no leave would bring."""
+    something else than it, and by less than what the best of those that found no leave would bring,
+    its numbers not charged: it tells how much is left."""
     refused = []
     for step in reversed(outcome.steps):
         if step.accepted is not None:
             break
-        refused += [rival.score - step.before.score for rival in step.rivals]
+        refused += [
+            rival.fitted + rival.held_out - step.before.fitted - step.before.held_out
+            for rival in step.rivals
+        ]
     left = max(refused, default=0.0)
     if left < KEEP:
         return []

@@ -44,11 +44,9 @@ def judged(score, white, *names):
 def outcome(refused, **rivals):
     """What stands is an overflow and a spring, 0; `refused`: what a third would have brought."""
     own = judged(0.0, np.zeros(100), "overflow", "hardening_spring")
-    before = SimpleNamespace(score=0.0)
-    steps = [
-        Step(before, (), (), own),
-        Step(before, (), (SimpleNamespace(score=refused),), None),
-    ]
+    before = SimpleNamespace(fitted=0.0, held_out=0.0)
+    third = SimpleNamespace(fitted=refused, held_out=0.0)
+    steps = [Step(before, (), (), own), Step(before, (), (third,), None)]
     others = [("hardening_spring", own), *rivals.items()]
     return Outcome(own, steps, None, {"hardening_spring": others})
 
