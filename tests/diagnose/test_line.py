@@ -7,7 +7,7 @@ import pytest
 
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
-from ffl.diagnose.line import across_the_line, on_the_line, sizes
+from ffl.diagnose.line import _preloaded, _pruned, across_the_line, on_the_line, sizes
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.trials import prepare
@@ -60,3 +60,28 @@ def test_a_mass_said_twice_is_one_number(stage, record, own, named):  # type: ig
     twice = replace(model, corrections={"mass": own, "damping": 0.0})
     judged = judge(scene, None, twice.with_effect(EffectSpec("mass_change", {"change": 0.003})), 0)
     assert across_the_line(scene, None, judged).model.names == named
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.5], ids=["0 passed", "0 not passed"])
+def test_a_spring_about_a_far_centre_is_a_spring_and_a_load(stage, record, aside):  # type: ignore[no-untyped-def]
+    far = EffectSpec("linear_stiffness", {"stiffness": 60.0, "centre": 3.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=())))
+    trials = tuple(replace(t, y=t.y + aside) for t in scene.trials)
+    judged = judge(scene, None, model.with_effect(far), rounds=0)
+    found = _preloaded(replace(judged, scene=replace(scene, trials=trials))).model
+    assert found.names == ("linear_stiffness", "constant_load")
+    spring, load = found.effects
+    assert spring.parameters == {"stiffness": 60.0}
+    assert load.parameters["force"] == pytest.approx(180.0)
+    near = replace(far, parameters={"stiffness": 60.0, "centre": aside + 0.02})
+    judged = judge(scene, None, model.with_effect(near), rounds=0)
+    kept = _preloaded(replace(judged, scene=replace(scene, trials=trials))).model
+    assert kept.names == ("linear_stiffness",)
+
+
+def test_an_effect_that_does_nothing_beside_a_held_correction_is_dropped(stage, record):  # type: ignore[no-untyped-def]
+    dry = EffectSpec("coulomb_friction", {"level": 3.0})
+    idle = EffectSpec("hardening_spring", {"cubic_coefficient": 0.0, "centre": 0.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry,))))
+    judged = judge(scene, None, replace(model, effects=(dry, idle)), rounds=2)
+    assert _pruned(None, judged).model.names == ("coulomb_friction",)
