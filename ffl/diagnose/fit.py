@@ -181,10 +181,12 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
-        """(J'J)^-1 by SVD with directions below 1e-9 of the largest left infinite."""
+        """(J'J)^-1 by SVD with directions below 1e-9 of the largest left infinite, those in which a run
+        overflows among them."""
         j = self.jacobian
         if j.shape[1] == 0:
             return np.zeros((0, 0))
+        j = np.where(np.isfinite(j).all(axis=0), j, 0.0)
         scale = np.maximum(lengths(j), 1e-150)  # its square must not vanish
         r, _ = triangle(j / scale, self.white)
         _, s, vt = np.linalg.svd(r)

@@ -90,7 +90,7 @@ def judge(
     if held is not None and first.status != "diverged":
         held = with_starts(replace(held, noise=scene.noise), first.model, 1)
     quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
-    if first.status == "diverged":
+    if first.status == "diverged" or not np.isfinite(first.cost):
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
     for _ in range(PASSES):  # physics that has been found no longer counts as noise
         cleaner = scene.with_noise_of(

@@ -5,6 +5,7 @@ import pytest
 
 from ffl.challenge.make import null_case
 from ffl.diagnose import diagnose
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.model import LOG_STEP, TURN, Base, Model
 from ffl.diagnose.places import places_of
 from ffl.recordings import read_recording
@@ -53,3 +54,12 @@ def test_what_corrections_gain_that_are_open_is_not_an_effect(tmp_path):
     )
     answer = diagnose(plant, fitted, judging, rng=np.random.default_rng(0)).answer()
     assert answer["verdict"] == "nothing_missing"
+
+
+def test_a_direction_in_which_a_run_overflows_is_not_known(stage):
+    model, rng = Model(Base.of(stage)), np.random.default_rng(0)
+    columns = rng.standard_normal((200, len(model.coordinates)))
+    columns[7, 0] = np.inf
+    spread = Fit(model, rng.standard_normal(200), columns, columns, "converged").spread
+    assert spread[0] > 1e9
+    assert np.all(spread[1:] < 1.0)
