@@ -77,8 +77,7 @@ def conclude(
     trusted = not standing.predicted
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
-    machine = model.machine
-    noisy = WORSE if machine.sensor_noise and machine.force_noise else 1.0
+    noisy = WORSE if model.machine.states_noise else 1.0
     worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
     seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
     if effects and worse and said != "unnamed":
@@ -193,7 +192,7 @@ def _p_value(name: str, steps: list[Step]) -> float | None:
 
 def _other_model(model: Plant) -> str:
     """What to try where the model is unlike the machine; not once more what it came from."""
-    if "ffl identify linear" not in model.source:
+    if not model.is_identified:
         return "identify a linear model of this machine first: ffl identify linear"
     return (
         "the model was identified from a recording that its form does not fit, feedback or strong "
@@ -209,7 +208,7 @@ def _advice(
         return (_other_model(model),)
     if said == "inconclusive" and "hold" in place.where:
         begin = "record one wave at half and at full size: what does not scale is the physics"
-        if "ffl identify linear" not in model.source:
+        if not model.is_identified:
             begin = "begin with ffl identify linear"
         return (f"fit and judge by recordings over the same range, or {begin}",)
     out = [] if experiment is None else [experiment.advice]

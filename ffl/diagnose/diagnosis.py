@@ -87,7 +87,7 @@ def diagnose(
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if stated is not model:
         scene = replace(scene, slowest=decay / (2 * np.pi), observed=True)
-    if stated is model and model.machine.sensor_noise and model.machine.force_noise:
+    if stated is model and model.machine.states_noise:
         scene = replace(scene, loudest=prior.scaled(LOUDEST))
     nominal = Model(base)
     residuals = scene.residuals(nominal)

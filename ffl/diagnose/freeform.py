@@ -162,7 +162,7 @@ def least_noise(scene: Scene, model: Model, residuals: Sequence[Array]) -> Noise
         for segment in (None, SHORT)
     ]  # fmt: skip
     sensor, force = min(o.sensor for o in opinions), min(o.force for o in opinions)
-    if machine.sensor_noise and machine.force_noise:
+    if machine.states_noise:
         stated = float(np.hypot(machine.sensor_noise, scene.floor))
         sensor, force = min(sensor, TRUST * stated), min(force, TRUST * machine.force_noise)
     return Noise(sensor, force)

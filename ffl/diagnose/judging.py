@@ -100,8 +100,6 @@ def judge(
             break
         quieter, quieter_sensor = cleaner.noise.force, cleaner.noise.sensor
         first = fit(cleaner, first.model, rounds=max(4, rounds // 2), known=first.known())
-    if held is not None and held.free_clocks:  # by the numbers that it has come to
-        held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
     # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
     # let slow physics go as noise, and its absence in the score would take noise for physics.
     residuals = raw_residuals(scene, first.model)

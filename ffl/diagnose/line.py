@@ -37,19 +37,12 @@ def slight(spec: EffectSpec, plant: Plant) -> bool:
     return name is not None and float(spec.parameters[name]) < 0.1 * plant.sample_time
 
 
-def same_number(model: Model) -> set[str]:
-    """Effects that are a free correction of the model by another name: the mass of a machine that has
-    only one, which crosses the line at the end if it must."""
-    free = any(c.name == "mass" for c in model.base.corrections) and "mass" not in model.held
-    return {NAMES["mass"]} if free and len(places_of(model)) == 1 else set()
-
-
 def sizes(scene: Scene, model: Model) -> dict[str, float]:
     """Signed size of each correction in the contract's terms: relative mass, share of RMS force; none
     for a process, whose gain and lags are corrections at any size, and for a model identified from
     the machine, whose numbers all are."""
     mechanics = model.base.simulator.mechanics
-    if not mechanics.modes or model.base.is_process or model.base.is_identified:
+    if not mechanics.modes or model.base.is_process or model.base.plant.is_identified:
         return {}
     mass = mechanics.moving_mass  # damping and stiffness are in force per motion, whatever moves
     runs = [model.simulate(trial) for trial in scene.trials]

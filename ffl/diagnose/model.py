@@ -91,12 +91,6 @@ class Base:
         return cls(plant, simulator, corrections_of(simulator.mechanics), travel, until)
 
     @property
-    def is_identified(self) -> bool:
-        """Learned by `ffl identify linear` from a recording of this machine, physics and all: numbers
-        bent by what it left out are no physics when they straighten."""
-        return "ffl identify linear" in self.plant.source
-
-    @property
     def is_process(self) -> bool:
         """Lags in a row that drive no stated mass: a gain and lags, neither mass nor spring."""
         physics = self.plant.physics

@@ -33,6 +33,13 @@ class Place:
         return out
 
 
+def mass_is_corrected(model: Model) -> bool:
+    """Whether a change of mass is a correction by another name: of an identified model at any size, and
+    of a machine that has only one, whose mass is free (it crosses the line at the end if it must)."""
+    free = any(c.name == "mass" for c in model.base.corrections) and "mass" not in model.held
+    return model.base.plant.is_identified or (free and len(places_of(model)) == 1)
+
+
 def places_of(model: Model) -> list[Place]:
     """The distinct points at which forces may act on this plant."""
     mechanics = model.simulator.mechanics

@@ -19,7 +19,7 @@ import scipy.optimize
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.parallel import each
-from ffl.diagnose.places import Place, flow_places, places_of
+from ffl.diagnose.places import Place, flow_places, mass_is_corrected, places_of
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.effects import EFFECTS, Effect, Motion
@@ -249,8 +249,8 @@ class Screen:
             return []  # one lag moves no mass
         if effect.name in INERTIAL and self.model.base.is_process:
             return []
-        if effect.name == "mass_change" and self.model.base.is_identified:
-            return []  # a correction at any size
+        if effect.name == "mass_change" and mass_is_corrected(self.model):
+            return []
         if self.model.simulator.mechanics.place is not None and effect.name in ABSOLUTE:
             return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)

@@ -36,7 +36,7 @@ from ffl.diagnose.judging import (
     raw_residuals,
 )
 from ffl.diagnose.ladders import SWINGS, overlooked
-from ffl.diagnose.line import crosses, on_the_line, same_number
+from ffl.diagnose.line import crosses, on_the_line
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -79,8 +79,8 @@ def contest(
         other = _climb(*start, frozenset({name}), threshold, most, say)
         ahead, behind = levelled([other.standing, outcome.standing])
         say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
-        error = raw_error(outcome.held, behind.model)
-        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, error):
+        left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
+        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, *left):
             return other
     return outcome
 
@@ -156,7 +156,7 @@ def _climb(
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one
         error = raw_error(held, base.model)
-        if not again and steps and _worse(held, base, steps[-1].before, last_error):
+        if not again and steps and _worse(held, base, steps[-1].before, error, last_error):
             # What came in last does not hold up on the held-out recordings once all is refitted.
             times = np.sqrt(error / last_error)
             say(f"  turned down again: held-out error {times:.2f} times as large")
@@ -175,7 +175,7 @@ def _climb(
         least = (
             FAINT if steps else FAINT / 2
         )  # what hides in the noise of the first round may be faint
-        taken = excluded(base.model) | turned_down | same_number(base.model)
+        taken = excluded(base.model) | turned_down
         if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
             taken |= TIMED
         screened = []
@@ -223,12 +223,13 @@ def _climb(
         held = accepted.held
 
 
-def _worse(held: Scene | None, judged: Judged, before: Judged, error: float) -> bool:
-    """Whether `judged` leaves more in the held-out recordings than `error`, which `before` leaves, or
-    than noise does, by more than one further effect may cost, and less likely so."""
-    now, then = levelled([judged, before])
-    most = WORSE * max(error, noise_error(held, judged.scene))
-    return now.held_out < then.held_out and raw_error(held, judged.model) > most
+def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: float) -> bool:
+    """Whether `judged`, less likely than `before` on the held-out recordings, leaves more there, `now`
+    for `then` (sums of squares) or for what noise leaves, than one further effect may cost."""
+    one, other = levelled([judged, before])
+    return one.held_out < other.held_out and now > WORSE * max(
+        then, noise_error(held, judged.scene)
+    )
 
 
 def _claimants(

@@ -115,7 +115,7 @@ def loudness(plant: Plant, standing: Judged) -> float:
     """RMS of what is left over what the plant file's own noise would leave at most, were all of its
     force noise slow; 0 where the file states no noise."""
     m = plant.machine
-    if not (m.sensor_noise and m.force_noise):
+    if not m.states_noise:
         return 0.0
     loop = standing.scene.loop
     n = 2048

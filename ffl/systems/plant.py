@@ -34,6 +34,11 @@ class Imperfections:
     force_noise: float = 0.0
     command_limit: float | None = None
 
+    @property
+    def states_noise(self) -> bool:
+        """Both kinds of noise are known."""
+        return bool(self.sensor_noise and self.force_noise)
+
 
 @dataclass(frozen=True)
 class EffectSpec:
@@ -61,6 +66,12 @@ class Plant:
     @property
     def sample_time(self) -> float:
         return self.system.sample_time
+
+    @property
+    def is_identified(self) -> bool:
+        """Learned by `ffl identify linear` from a recording of this machine, physics and all: numbers
+        bent by what it left out are no physics when they straighten."""
+        return "ffl identify linear" in self.source
 
     @cached_property
     def loop(self) -> Loop:
