@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -23,6 +24,22 @@ from ffl.recordings.csv_text import (
 )
 from ffl.recordings.stamps import is_stamp, seconds
 from ffl.recordings.table import Array, Table
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What stands below the header: `body` after `skipped` lines of the file, in columns `names`."""
+
+    path: Path
+    text: Text
+    body: bytes
+    skipped: int
+    names: list[str]
+    separator: str
+
+    def decoded(self, decimal_comma: bool = False) -> str:
+        body = self.body.replace(b",", b".") if decimal_comma else self.body
+        return body.decode(self.text.encoding, "replace")
 
 
 def read_csv(path: Path, header: Sequence[str] = (), skip_lines: int = 0) -> Table:
@@ -75,19 +92,10 @@ def read_csv(path: Path, header: Sequence[str] = (), skip_lines: int = 0) -> Tab
             f"{path}: the rows have {len(cells)} columns, the header names {len(names)}; give "
             "every column one name"
         )
-    load = partial(
-        _load,
-        path=path,
-        text=text,
-        body=trimmed,
-        skipped=skipped,
-        names=names,
-        separator=separator,
-    )
     return Table(
         source=str(path),
         names=tuple(name for name in names if name),
-        load=load,
+        load=partial(_load, rows=Rows(path, text, trimmed, skipped, names, separator)),
         units=units,
         where=lambda index: f"line {skipped + index + 1}",
     )
@@ -103,16 +111,9 @@ def _after_lines(raw: bytes, count: int) -> tuple[bytes, int]:
     return raw, count
 
 
-def _load(
-    wanted: Sequence[str],
-    *,
-    path: Path,
-    text: Text,
-    body: bytes,
-    skipped: int,
-    names: list[str],
-    separator: str,
-) -> dict[str, Array]:
+def _load(wanted: Sequence[str], *, rows: Rows) -> dict[str, Array]:
+    path, body, skipped, names = rows.path, rows.body, rows.skipped, rows.names
+    text, separator = rows.text, rows.separator
     columns = [names.index(name) for name in wanted]
     first = body[: body.find(b"\n") if b"\n" in body else len(body)]
     quoted = b'"' in first
@@ -133,11 +134,11 @@ def _load(
     # numpy reads a file by its own buffer 2.5 times faster than lines out of memory.
     cells = split_line(first.decode(text.encoding, "replace"), separator)
     dated = [c for c in columns if c < len(cells) and is_stamp(cells[c])]
-    times = {c: _stamps(c, path, text, body, skipped, names, separator) for c in dated}
+    times = {c: _stamps(c, rows) for c in dated}
     columns = [c for c in columns if c not in times]
     if not columns:
         return {name: times[names.index(name)] for name in wanted}
-    stream = path if untouched else io.StringIO(_decoded(body, text, decimal_comma))
+    stream = path if untouched else io.StringIO(rows.decoded(decimal_comma))
     try:
         numbers = np.loadtxt(
             stream,
@@ -150,49 +151,27 @@ def _load(
             ndmin=2,
         )
     except ValueError as error:
-        raise _named(error, path, body, text, skipped, names, separator, columns) from None
+        raise _named(error, rows, columns) from None
     found = times | {c: numbers[:, k] for k, c in enumerate(columns)}
     return {name: found[names.index(name)] for name in wanted}
 
 
-def _stamps(
-    column: int,
-    path: Path,
-    text: Text,
-    body: bytes,
-    skipped: int,
-    names: list[str],
-    separator: str,
-) -> Array:
+def _stamps(column: int, rows: Rows) -> Array:
     """A column of dates or clock times in seconds since midnight of its first day."""
-    lines = body.decode(text.encoding, "replace").split("\n")
-    cells = [split_line(line, separator)[column] for line in lines]
+    cells = [split_line(line, rows.separator)[column] for line in rows.decoded().split("\n")]
     found = seconds(cells)
     if isinstance(found, int):
         raise InputError(
-            f"{path}: line {skipped + found + 1}, column {names[column]}: {cells[found][:30]!r} is not "
-            "a time like the ones before; correct it or leave the row out"
+            f"{rows.path}: line {rows.skipped + found + 1}, column {rows.names[column]}: "
+            f"{cells[found][:30]!r} is not a time like the ones before; correct it or leave the row out"
         )
     return found
 
 
-def _decoded(body: bytes, text: Text, decimal_comma: bool) -> str:
-    return (body.replace(b",", b".") if decimal_comma else body).decode(text.encoding, "replace")
-
-
-def _named(
-    error: ValueError,
-    path: Path,
-    body: bytes,
-    text: Text,
-    skipped: int,
-    names: list[str],
-    separator: str,
-    columns: list[int],
-) -> InputError:
+def _named(error: ValueError, rows: Rows, columns: list[int]) -> InputError:
     """Which cell numpy's reader could not take."""
-    decimal_comma = separator != ","
-    lines = _decoded(body, text, decimal_comma).split("\n")
+    names, separator = rows.names, rows.separator
+    lines = rows.decoded(separator != ",").split("\n")
     # numpy says the row, give or take one by its version; the rest is searched only if it errs.
     hint = re.search(r"at row (\d+)", str(error))
     near = max(int(hint[1]) - 1, 0) if hint else 0
@@ -200,10 +179,11 @@ def _named(
     bad = (bad[0] + near, *bad[1:]) if bad else bad_cell(lines, separator, columns)
     if bad is None:
         said = " ".join(str(error).split())[:120]
-        return InputError(f"{path}: cannot be read as a table of numbers ({said})")
+        return InputError(f"{rows.path}: cannot be read as a table of numbers ({said})")
     row, column, cell = bad
     name = names[column] if column < len(names) else str(column)
     what = f"{cell[:30]!r} is not a number" if cell else "there is no value"
     return InputError(
-        f"{path}: line {skipped + row + 1}, column {name}: {what}; correct it or leave the row out"
+        f"{rows.path}: line {rows.skipped + row + 1}, column {name}: {what}; correct it or leave the row "
+        "out"
     )
