@@ -10,6 +10,7 @@ import numpy as np
 from ffl.diagnose.model import Model
 from ffl.effects import EFFECTS, Effect
 from ffl.effects.cascade import BETWEEN, OUT, lags
+from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 POINT = ("side", "mass_ratio")  # options that say where a force acts
@@ -67,6 +68,12 @@ def places_of(model: Model) -> list[Place]:
             kept.append(place)
             shapes.append(shape)
     return kept
+
+
+def point_of(spec: EffectSpec) -> Place:
+    """Where a force acts."""
+    side = str(spec.options.get("side", EFFECTS[spec.name].default_side))
+    return Place("force", side, spec.options.get("mass_ratio"))
 
 
 def flow_places(model: Model, effect: Effect) -> list[Place]:

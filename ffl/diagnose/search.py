@@ -17,6 +17,7 @@ from functools import partial
 import numpy as np
 
 from ffl.diagnose.contact import with_other_contact
+from ffl.diagnose.course import courses
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
@@ -191,6 +192,7 @@ def _climb(
             listed = shortlist(plain, places=SHORTLIST if far else 2)
             entrants += listed + overlooked(quiet, base, fresh, listed)
         rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
+        rivals += courses(quiet, held, base, rivals)
         for rival in rivals:
             side = rival.model.effects[-1].options.get("side", "sensor")
             say(

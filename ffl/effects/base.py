@@ -337,9 +337,11 @@ class Effect:
         return np.array([float(values[p.name]) for p in self.parameters if p.linear])
 
     def signal(self, spec: EffectSpec, motion: Motion) -> Array:
-        """(N,) what the effect adds at its port along the motion: `regressors` times coefficients."""
+        """(N,) what the effect adds at its port along the motion: `regressors`, in the form that its
+        `options` say, times coefficients."""
         values = self.check(spec)
-        columns = self.regressors(motion, **self.nonlinear_of(values))
+        form = {name: value for name, value in spec.options.items() if name in self.options}
+        columns = self.regressors(motion, **form, **self.nonlinear_of(values))
         return np.asarray(columns @ self.coefficients_of(values))
 
     # --- feedforward -----------------------------------------------------------------------------
