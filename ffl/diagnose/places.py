@@ -76,6 +76,11 @@ def point_of(spec: EffectSpec) -> Place:
     return Place("force", side, spec.options.get("mass_ratio"))
 
 
+def points_of(model: Model) -> set[Place]:
+    """Where the forces of `model` act, those of its effects."""
+    return {point_of(spec) for spec in model.effects if EFFECTS[spec.name].port == "force"}
+
+
 def flow_places(model: Model, effect: Effect) -> list[Place]:
     """The stages of a plant that is a row of real lags and drives no known mass: either lag may be
     the upper stage, and is for all effects alike. What overflows or empties is a tank for all of them."""

@@ -41,6 +41,7 @@ from ffl.diagnose.line import crosses, on_the_line
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
+from ffl.diagnose.places import points_of
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.screen import Candidate, Screen, orthonormal
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
@@ -181,6 +182,7 @@ def _climb(
             taken |= TIMED
         screened = []
         entrants: list[Candidate] = []
+        points = points_of(base.model)
         for screen in screens(quiet, base):
             seen = screen.candidates()
             screened += seen
@@ -189,7 +191,7 @@ def _climb(
             plain = [c for c in fresh if c not in pliable] if reserve else pliable
             # Far from what was measured first orders do not tell one point from another.
             far = base.fit.cost > SWINGS * len(base.fit.white)
-            listed = shortlist(plain, places=SHORTLIST if far else 2)
+            listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
             entrants += listed + overlooked(quiet, base, fresh, listed)
         rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
         rivals += courses(quiet, held, base, rivals)
