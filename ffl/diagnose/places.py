@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from ffl.effects.cascade import BETWEEN, OUT, lags
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
+SAME = 1e-6  # of the largest: points nearer than this are one
 POINT = ("side", "mass_ratio")  # options that say where a force acts
 
 
@@ -64,9 +66,22 @@ def places_of(model: Model) -> list[Place]:
         if not point.mobility > 0:
             continue
         shape = np.concatenate([point.force / np.abs(point.force).max(), point.position])
-        if all(np.abs(shape - other).max() > 1e-6 for other in shapes):
+        if all(np.abs(shape - other).max() > SAME for other in shapes):
             kept.append(place)
             shapes.append(shape)
+    return kept
+
+
+def distinct_forces(model: Model, places: Sequence[Place]) -> list[Place]:
+    """Those of `places` that differ in what they drive, whatever they feel: without a mass ratio where
+    one may be left out."""
+    kept: list[Place] = []
+    forces: list[Array] = []
+    for place in sorted(places, key=lambda p: p.mass_ratio is not None):
+        force = model.simulator.mechanics.point(place.side, place.mass_ratio).force
+        if all(np.abs(force - f).max() > SAME * np.abs(f).max() for f in forces):
+            kept.append(place)
+            forces.append(force)
     return kept
 
 

@@ -19,7 +19,13 @@ import scipy.optimize
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.parallel import each
-from ffl.diagnose.places import Place, flow_places, mass_is_corrected, places_of
+from ffl.diagnose.places import (
+    Place,
+    distinct_forces,
+    flow_places,
+    mass_is_corrected,
+    places_of,
+)
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.effects import EFFECTS, Effect, Motion
@@ -72,6 +78,7 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 )
 
 
+BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
 INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no mass to part
 
 
@@ -255,6 +262,12 @@ class Screen:
             return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)
         kept = [p for p in out if p.side in effect.sides]
+        if (
+            len(kept) > 1 and effect.default_side != "sensor"
+        ):  # a drive's force is none of the sensor's
+            kept = [p for p in kept if p.side != "sensor"]
+        if set(effect.depends_on) <= BLIND:
+            kept = distinct_forces(self.model, kept)
         return kept or [Place("force", effect.default_side)]
 
     def best(self, effect: Effect, place: Place, recorded: bool = False) -> Candidate | None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from ffl.diagnose import glimpse
-from ffl.diagnose.places import Place, points_of
+from ffl.diagnose.places import Place, distinct_forces, points_of
 from ffl.diagnose.screen import Candidate
 from ffl.diagnose.shortlist import shortlist
 from ffl.systems.plant import EffectSpec
@@ -64,3 +64,17 @@ def test_who_takes_off_little_of_a_large_sum_has_a_say_by_likelihood(monkeypatch
     entrants = [Candidate(EffectSpec(name, {}), 1.0, 1, Place("force"), like) for name in squares]
     chosen = glimpse.promising(scene, SimpleNamespace(model=None), entrants)
     assert [f.model.names[-1] for f in chosen] == ["cogging", "dead_zone"]
+
+
+def test_a_force_that_feels_no_motion_is_tried_once_where_it_drives_the_same():
+    point = {
+        ("motor", None): [0.0, 1.0],
+        ("motor", 1.0): [0.0, 1.0],
+        ("load", 1.0): [1.0, 0.0],
+    }
+    mechanics = SimpleNamespace(
+        point=lambda side, ratio: SimpleNamespace(force=np.array(point[side, ratio]))
+    )
+    model = SimpleNamespace(simulator=SimpleNamespace(mechanics=mechanics))
+    anywhere = Place("force", "motor")
+    assert distinct_forces(model, [MOTOR, LOAD, anywhere]) == [anywhere, LOAD]
