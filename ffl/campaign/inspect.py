@@ -175,7 +175,7 @@ def _recording(path: Path, map: Path | None) -> Facts:
         "duration": recording.duration,
         "not_measured": sorted(recording.missing),
     }
-    for name in ("r", "f", "u", "y", "d"):
+    for name in ("r", "f", "u", "y", "d", "y_load"):
         values = getattr(recording, name)
         if values is not None and np.all(np.isfinite(values)):
             unit = recording.units.get(name, "")

@@ -22,6 +22,7 @@ from ffl.diagnose.rattling import with_rattling
 from ffl.diagnose.result import Diagnosis
 from ffl.diagnose.search import contest
 from ffl.diagnose.starts import with_starts
+from ffl.diagnose.transmission import transmission
 from ffl.diagnose.trials import blocks, commanded, prepare, stretches
 from ffl.diagnose.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
 from ffl.errors import InputError
@@ -46,12 +47,30 @@ def diagnose(
     """Locates, names, models and proves what `model` leaves out of `recordings`.
 
     `validation` judges and is never fitted; without it the last 30 % of every recording does, and
-    the answer says so. Raises `InputError` for recordings that cannot be used at all.
+    the answer says so. A second encoder (`y_load`) is compared with y by itself, beside all that is said of
+    y. Raises `InputError` for recordings that cannot be used at all.
     """
-    rng = rng or np.random.default_rng(0)
-    say = progress or (lambda line: None)
     if not recordings:
         raise InputError("diagnose: no recording given; give at least one")
+    between = transmission(model, recordings, validation)
+    found = _diagnose_output(
+        model,
+        recordings,
+        validation,
+        rng or np.random.default_rng(0),
+        progress or (lambda line: None),
+    )
+    return found if found.soundness.faults else replace(found, transmission=between)
+
+
+def _diagnose_output(
+    model: Plant,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    rng: Generator,
+    say: Callable[[str], None],
+) -> Diagnosis:
+    """What the model leaves out of y."""
     _require_stable(model)
     _require_others(recordings, validation)
     everything = [commanded(model, r) for r in (*recordings, *validation)]

@@ -14,6 +14,7 @@ from ffl.diagnose.picture import MapPicture
 from ffl.diagnose.prove import Proof
 from ffl.diagnose.rounds import Step
 from ffl.diagnose.sound import Soundness
+from ffl.diagnose.transmission_result import Transmission
 from ffl.diagnose.unnamed import Contest
 from ffl.diagnose.where import Forces, Map, Place
 from ffl.effects import EFFECTS
@@ -75,6 +76,7 @@ class Diagnosis:
     pictures: tuple[MapPicture, ...] = ()
     experiment: Experiment | None = None
     forces: Forces | None = None
+    transmission: Transmission | None = None
 
     def answer(self) -> dict[str, Any]:
         """answer.json of `ffl diagnose` (INTERFACES.md); what could not be computed is absent."""
@@ -116,6 +118,8 @@ class Diagnosis:
             out["experiment"] = _experiment(self.experiment)
         if self.notes:
             out["notes"] = list(self.notes)
+        if self.transmission is not None:
+            out["transmission"] = self.transmission.answer()
         return out
 
 

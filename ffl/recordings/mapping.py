@@ -1,4 +1,4 @@
-"""Mapping files: which names, scales and units of a foreign file are t, r, f, u, y and d."""
+"""Mapping files: which names, scales and units of a foreign file are t, r, f, u, y, d and y_load."""
 
 from __future__ import annotations
 
@@ -78,6 +78,7 @@ class Columns(Strict):
     u: Entry | None = None
     y: Entry | None = None
     d: Entry | None = None
+    y_load: Entry | None = None
 
 
 def _in_order(rows: tuple[int, ...] | None) -> tuple[int, ...] | None:

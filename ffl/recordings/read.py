@@ -149,7 +149,7 @@ def _build(
 
 
 def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
-    """The mapped columns, or where nothing is mapped the file's own t, r, f, u, y, d."""
+    """The mapped columns, or where nothing is mapped the file's own t, r, f, u, y, d, y_load."""
     notes: tuple[str, ...] = ()
     if not any(getattr(mapped, c) for c in Columns.model_fields):
         own = {c: Column(name=c) for c in Columns.model_fields if table.find(c)}

@@ -12,7 +12,8 @@ from ffl.errors import InputError
 
 Array = np.ndarray
 
-COLUMNS = ("t", "r", "f", "u", "y", "d")
+COLUMNS = ("t", "r", "f", "u", "y", "d", "y_load")
+OPTIONAL = ("d", "y_load")
 REQUIRED = ("t", "r", "f", "u", "y")
 
 
@@ -27,6 +28,8 @@ class Recording:
         as sent; measured output. An open-loop machine has r = 0 and u = f.
     d : float array of shape (n,) or None
         Known load, in the command's unit, positive where it pushes the way u does.
+    y_load : float array of shape (n,) or None
+        Position behind the transmission, by a second encoder: same unit, scale and sign as y.
     sample_time : float [s]
     units : what is known of the units, by column, e.g. {"y": "m", "u": "N"}
     source : the file (and the name within it) that this came from
@@ -44,6 +47,7 @@ class Recording:
     u: Array
     y: Array
     d: Array | None = None
+    y_load: Array | None = None
     sample_time: float = field(kw_only=True)
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     source: str = field(default="recording", kw_only=True)
@@ -53,7 +57,7 @@ class Recording:
     def __post_init__(self) -> None:
         for name in COLUMNS:
             values = getattr(self, name)
-            if values is None and name == "d":
+            if values is None and name in OPTIONAL:
                 continue
             object.__setattr__(self, name, _column(values, name, self.source))
         lengths = {name: len(x) for name in COLUMNS if (x := getattr(self, name)) is not None}
@@ -81,6 +85,7 @@ class Recording:
         r: Array | None = None,
         f: Array | None = None,
         d: Array | None = None,
+        y_load: Array | None = None,
         t: Array | None = None,
         start: float = 0.0,
         units: Mapping[str, str] | None = None,
@@ -122,6 +127,7 @@ class Recording:
             u,
             y,
             d,
+            y_load,
             sample_time=sample_time,
             units=dict(units or {}),
             source=source,

@@ -43,7 +43,7 @@ def resample_recording(recording: Recording, sample_time: float) -> Recording:
     n = (len(recording) - 1) * up // down + 1
     signals = {
         name: _resampled(x, up, down, n)
-        for name in ("r", "f", "u", "y", "d")
+        for name in ("r", "f", "u", "y", "d", "y_load")
         if (x := getattr(recording, name)) is not None
     }
     note = (

@@ -26,6 +26,7 @@ def constant_findings(recording: Recording) -> list[Finding]:
         ("r", "note", "the machine holds one place"),
         ("f", "note", "it tells nothing about the machine"),
         ("d", "note", "it tells nothing about the machine"),
+        ("y_load", "warning", "the second encoder measured nothing"),
     ):
         x = getattr(recording, name)
         if x is None or name in recording.missing or np.ptp(x) > 0:

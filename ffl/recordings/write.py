@@ -1,4 +1,4 @@
-"""The CSV of the contract, t,r,f,u,y[,d], written whole or not at all."""
+"""The CSV of the contract, t,r,f,u,y[,d][,y_load], written whole or not at all."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from ffl.diagnose.advise import Experiment
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
 from ffl.report.page import Page, drawing, subplots
+from ffl.report.transmission import print_transmission, transmission_section
 from ffl.systems import load_plant, save_plant
 from ffl.systems.atomic import write_text
 
@@ -104,6 +105,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print(f"  advice: {line}")
     for line in answer.get("notes", ()):
         print(f"  note: {line}")
+    if "transmission" in answer:
+        print_transmission(answer["transmission"])
 
 
 def _plain(value: Any) -> bool:
@@ -136,6 +139,9 @@ def page_of(d: Diagnosis) -> Page:
             "No fault in times, gaps, sensor or units. No controller is stated, so nothing says whether "
             "the command is what was sent."
         )
+    if d.transmission is not None:
+        with drawing():
+            transmission_section(page, d.transmission)
     if d.judged is None:
         return page
     with drawing():

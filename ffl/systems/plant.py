@@ -15,10 +15,12 @@ from ffl.systems.zpk import Zpk
 
 @dataclass(frozen=True)
 class Physics:
-    """What the user knows: `mass` in kg, `motor_constant` in N per input unit (None: unknown)."""
+    """What the user knows: `mass` in kg, `motor_constant` in N per input unit, `load_mass` in kg: the
+    part of the mass behind the transmission (None: unknown; kg m^2, N m where the output is an angle)."""
 
     mass: float | None = None
     motor_constant: float | None = None
+    load_mass: float | None = None
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,7 @@ class UnitsForm(Strict):
 class PhysicsForm(Strict):
     mass: Positive | None = None
     motor_constant: Positive | None = None
+    load_mass: Positive | None = None
 
 
 class MachineForm(Strict):
@@ -269,7 +270,7 @@ def plant_from_dict(data: Mapping[str, Any], file: str = "plant") -> Plant:
         input_unit=form.units.input,
         output_unit=form.units.output,
         source=form.source,
-        physics=Physics(form.physics.mass, form.physics.motor_constant),
+        physics=Physics(form.physics.mass, form.physics.motor_constant, form.physics.load_mass),
         machine=Imperfections(**form.machine.model_dump()),
         effects=tuple(
             EffectSpec(effect.name, effect.parameters, dict(effect.model_extra or {}))

@@ -92,8 +92,8 @@ def test_csv_gives_back_the_same_bits(tmp_path, same_bits, data):
     n = data.draw(st.integers(10, 40))
     columns = {
         name: data.draw(st.none() if name in gone else arrays(float, n, elements=FINITE))
-        for gone in [data.draw(st.sets(st.sampled_from(["r", "f", "d"])))]
-        for name in ("u", "y", "r", "f", "d")
+        for gone in [data.draw(st.sets(st.sampled_from(["r", "f", "d", "y_load"])))]
+        for name in ("u", "y", "r", "f", "d", "y_load")
     }
     start = data.draw(st.floats(-1e3, 1e3))
     sample_time = data.draw(st.sampled_from([1e-4, 1e-3, 1 / 3, 0.004, 0.0016384, 4.0]))
@@ -105,9 +105,11 @@ def test_csv_gives_back_the_same_bits(tmp_path, same_bits, data):
     assert after.sample_time == pytest.approx(sample_time, rel=1e-9)
     for name in ("t", "r", "f", "u", "y"):
         assert same_bits(getattr(after, name), getattr(before, name)), name
-    assert (after.d is None) == (before.d is None)
-    if after.d is not None:
-        assert same_bits(after.d, before.d)
+    for name in ("d", "y_load"):
+        there = getattr(after, name)
+        assert (there is None) == (getattr(before, name) is None)
+        if there is not None:
+            assert same_bits(there, getattr(before, name))
 
 
 def test_written_whole_or_not_at_all(tmp_path, recording, monkeypatch):

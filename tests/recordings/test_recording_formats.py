@@ -1,6 +1,7 @@
 """Every reader hands over the same recording; every spelling of CSV too."""
 
 import sys
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -8,7 +9,13 @@ import pytest
 import scipy.io
 
 from ffl.errors import InputError
-from ffl.recordings import READERS, load_mapping, read_recording, write_recording
+from ffl.recordings import (
+    READERS,
+    load_mapping,
+    read_recording,
+    resample_recording,
+    write_recording,
+)
 from ffl.recordings.recording import REQUIRED
 from ffl.recordings.stamps import seconds
 
@@ -87,6 +94,34 @@ def test_same_bits_from_every_format(tmp_path, recording, same_bits, name):
         assert same_bits(getattr(read, column), getattr(recording, column)), column
     if path.suffix in (".h5", ".mf4"):
         assert read.units["y"] == "m"
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.mat", "x.h5", "x.npz"])
+def test_a_second_encoder_comes_from_every_format_with_its_scale_and_unit(
+    tmp_path, recording, name
+):
+    """Under its own name without a mapping, and scaled by one."""
+    path = tmp_path / name
+    columns = {c: getattr(recording, c) for c in REQUIRED} | {"y_load": 1e3 * recording.y}
+    if name == "x.csv":
+        write_recording(replace(recording, y_load=columns["y_load"]), path)
+    elif name == "x.mat":
+        scipy.io.savemat(path, columns)
+    elif name == "x.npz":
+        np.savez(path, **columns)
+    else:
+        with h5py.File(path, "w") as file:
+            for column, values in columns.items():
+                file[column] = values
+    assert np.array_equal(read_recording(path).y_load, columns["y_load"])
+    lines = [f'{c} = "{c}"' for c in REQUIRED]
+    lines.append('y_load = { name = "y_load", scale = 1e-3, unit = "m" }')
+    (tmp_path / "x.map.toml").write_text("\n".join(["[columns]", *lines]))
+    read = read_recording(path)
+    assert read.y_load == pytest.approx(recording.y, rel=1e-12)
+    assert read.units["y_load"] == "m"
+    assert len(read[10:30].y_load) == 20
+    assert len(resample_recording(read, 2e-3).y_load) == len(resample_recording(read, 2e-3).y)
 
 
 def test_every_suffix_has_a_test():

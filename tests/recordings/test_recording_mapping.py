@@ -160,7 +160,10 @@ SHIPPED = [
     ("ced_uniform", "ced/DATAUNIF.csv", [500, 500, 300, 300, 200, 200], 0.02, ("V", "ticks/s"), {"clock"}),
     ("ced_prbs", "ced/DATAPRBS.csv", [500, 500, 500], 0.02, ("V", "ticks/s"), {"clock"}),
     ("cascaded_tanks", "cascaded_tanks/dataBenchmark.csv", [1024, 1024], 4.0, ("V", "V"), {"clock"}),
-    *[(f"kuka_axis{k}", KUKA, [2501] * (1 + (k < 4)), 0.004, ("N m", "rad"), {"f"}) for k in range(1, 7)],
+    *[
+        (f"kuka_axis{k}", KUKA, [2501] * (3 if k < 4 else 1), 0.004, ("N m", "rad"), {"f"})
+        for k in range(1, 7)
+    ],
 ]  # fmt: skip
 
 
@@ -221,3 +224,14 @@ def test_kuka_known_load_explains_torque_with_this_sign(real, axis):
 
     assert left(x.u + x.d) < 0.96 * left(x.u)
     assert left(x.u + x.d) < 0.96 * left(x.u - x.d)
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_kuka_both_encoders_are_those_of_motor_and_arm(real, axis):
+    both, motor, arm = (
+        read_recording(f"{real(KUKA)}::{name}", f"kuka_axis{axis}")
+        for name in ("both", "motor", "arm")
+    )
+    assert np.array_equal(both.y, motor.y)
+    assert np.array_equal(both.y_load, arm.y)
+    assert both.units["y_load"] == "rad"
