@@ -183,7 +183,7 @@ def _drawn(scene: Scene, fit: Fit, index: int) -> Drawn:
     by = "load" if told else "command"
     for term in spring:
         by = "command" if term.by == "command" or term.name == "command" else by
-    tau = driving(by, p, known) if told or known.has_command else None
+    tau = driving(Term("torsion", by), p, known) if told or known.has_command else None
     side = {"load": "the load's side", "command": "the command"}[by]
     return Drawn(p.source, p.t, shown, shown - rest, tau, side, rest, torsion)
 

@@ -19,6 +19,7 @@ SURE = 3.0  # standard errors
 NEAR = 3.0  # log-likelihood within which two explanations are not told apart
 PERIODS = 400  # most that are looked at
 REACHES = 8  # of a play
+SHARES = (0.25, 0.5, 0.75)  # of the friction behind the spring, that a play is tried with
 SMALL = 3.0  # times the encoders' noise: least reach of a play that can be told from it
 
 
@@ -47,6 +48,7 @@ def search(scene: Scene) -> Found | None:
     standing = scene.fit(())
     if standing is None:
         return None
+    stood: set[tuple[str, ...]] = set()
     while True:
         scene = scene.winding(standing).beside(standing.terms)
         standing = _physical(scene, scene.fit(standing.terms) or standing)
@@ -63,9 +65,11 @@ def search(scene: Scene) -> Found | None:
                 continue
             if best is None or gain - rival.price > best[0]:
                 best = gain - rival.price, fit
-        if best is None:
+        names = tuple(sorted(str(t) for t in standing.terms))
+        if best is None or names in stood:  # what goes and comes back says no more
             break
-        standing = _pruned(scene, best[1])
+        stood.add(names)
+        standing = _retuned(scene, _pruned(scene, best[1]))
     others = rivals(scene, standing)
     gains, alternatives = [], []
     for term in standing.terms:
@@ -113,6 +117,8 @@ def rivals(scene: Scene, standing: Fit) -> tuple[Rival, ...]:
         drivers = ["travel"] + (["load"] if told and known.moved else [])
         drivers += ["command"] if known.has_command and known.load_mass is not None else []
         plays = [_best_play(scene, standing, by) for by in drivers]
+        if len(drivers) == 3:
+            plays.append(_best_play(scene, standing, "torque", SHARES))
         out += [p for p in plays if p is not None]
     if sum(t.name == "ripple" for t in standing.terms) < MOST:
         ripple = _best_ripple(scene, standing)
@@ -137,12 +143,33 @@ def _sure(scene: Scene, fit: Fit, rival: Rival) -> bool:
 
 
 def _physical(scene: Scene, fit: Fit) -> Fit:
-    """Without the last terms, as long as numbers are not those of the physics."""
+    """With numbers of the physics again: all friction on one side of the spring where the share says more
+    than all of it, else without the last terms."""
+    if not fit.believable:
+        all_behind = fit.value("friction")[0] > 0.0
+        spring = Term("torsion", "command" if all_behind else "load")
+        rest = [t for t in fit.terms if t.name not in ("torsion", "friction", "damping")]
+        fit = scene.fit((spring, *rest)) or fit
     terms = fit.terms
     while not fit.physical and terms:
         terms = terms[:-1]
         fit = scene.fit(terms) or fit
     return fit
+
+
+def _retuned(scene: Scene, fit: Fit) -> Fit:
+    """With the play driven by the torque of the spring as it stands now."""
+    play = next((t for t in fit.terms if t.name == "play" and t.by != "travel"), None)
+    rest = None if play is None else _without(scene, fit, play)
+    if rest is None or not fit.has("friction"):
+        return fit
+    share = fit.value("friction")[0] / fit.value("torsion")[0]
+    rival = _best_play(scene, rest, "torque", (share,))
+    other = None if rival is None else joined(scene, rest, rival)
+    if other is None or not other.physical:
+        return fit
+    ahead = other.regression.log_likelihood - fit.regression.log_likelihood
+    return other if ahead > 0.0 else fit
 
 
 def _pruned(scene: Scene, fit: Fit) -> Fit:
@@ -217,10 +244,13 @@ def _best_ripple(scene: Scene, standing: Fit) -> Rival | None:
     return Rival((Term("ripple", period=float(1.0 / best)),), price)
 
 
-def _best_play(scene: Scene, standing: Fit, by: str) -> Rival | None:
+def _best_play(
+    scene: Scene, standing: Fit, by: str, shares: Sequence[float] = (0.0,)
+) -> Rival | None:
     """The reach and first side of a play that bring most beside what stands."""
     pairs = scene.pairs(standing.terms)
-    span = min(float(np.ptp(driving(by, p, scene.known))) for p in pairs)
+    first = Term("play", by, share=shares[0])
+    span = min(float(np.ptp(driving(first, p, scene.known))) for p in pairs)
     least, most = 1e-3 * span, 0.25 * span
     if by == "travel":
         least = SMALL * standing.regression.spread
@@ -228,7 +258,8 @@ def _best_play(scene: Scene, standing: Fit, by: str) -> Rival | None:
     if not 0.0 < least < most:
         return None
     tried = [
-        Term("play", by, reach=float(reach), side=side)
+        Term("play", by, reach=float(reach), side=side, share=share)
+        for share in shares
         for reach in np.geomspace(least, most, REACHES)
         for side in (-1.0, 0.0, 1.0)
     ]

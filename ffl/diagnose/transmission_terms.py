@@ -12,8 +12,8 @@ transmission carries:
     command      e = (u - J_motor a) / c        where nothing is known of the load
     damping      e = tau / c - k tau' / c^2     k the spring's damping
     play         e = g/2 h, h in -1 .. 1        side of a gap: by travel, a play operator on the position
-                                                (the load stays where it is left); by load or command,
-                                                the sign that tau had last
+                                                (the load stays where it is left); by load, command or a
+                                                torque between them, the sign that it had last
     ripple       e = A sin(2 pi x / P + phase)  eccentricity, gear mesh, one of the scales
 
 x, v, a are the part of the motion that the reference (in open loop the model's answer to the command)
@@ -52,13 +52,15 @@ class Known:
 @dataclass(frozen=True)
 class Term:
     """A term of the difference; `by` says what winds up a spring or drives a play, `period` is a
-    ripple's, `reach` how far a play's driver goes before its side changes, from `side` at the start."""
+    ripple's, `reach` how far a play's driver goes before its side changes, from `side` at the start,
+    `share` how much of the friction is in that driver."""
 
     name: str
     by: str = ""
     period: float = 0.0
     reach: float = 0.0
     side: float = 0.0
+    share: float = 0.0
 
     def __str__(self) -> str:
         return f"{self.name} by {self.by}" if self.by else self.name
@@ -229,7 +231,7 @@ def columns(term: Term, pair: Pair, known: Known) -> Array:
         out = known.load_mass * pair.jerk
         out = out if pair.load_rate is None else out + pair.load_rate
     elif term.name == "play":
-        x = driving(term.by, pair, known)
+        x = driving(term, pair, known)
         if term.by == "travel":
             out = contact(x, term.reach, term.side)
         else:
@@ -241,14 +243,17 @@ def columns(term: Term, pair: Pair, known: Known) -> Array:
     return out.reshape(len(pair.t), -1)
 
 
-def driving(by: str, pair: Pair, known: Known) -> Array:
-    """What takes a play to its sides: the position, the load's torque or the command less the motor's
-    inertia."""
-    if by == "travel":
+def driving(term: Term, pair: Pair, known: Known) -> Array:
+    """What takes a play to its sides: the position, the load's torque, the command less the motor's
+    inertia, or a torque between these two with a share of the friction."""
+    if term.by == "travel":
         return pair.position
-    if by == "load":
+    if term.by == "load":
         return torque(pair, known)
-    return pair.command - known.motor_mass * pair.acceleration
+    given = pair.command - known.motor_mass * pair.acceleration
+    if term.by == "torque":
+        return (1.0 - term.share) * torque(pair, known) + term.share * given
+    return given
 
 
 def contact(x: Array, reach: float, side: float) -> Array:

@@ -126,6 +126,14 @@ def test_play_between_two_masses_beside_their_spring():
     assert part(found, "delay") is None
 
 
+def test_play_with_friction_on_both_sides():
+    """Neither the load's torque nor the command has the sign that the transmission carries."""
+    found = transmission(PLANT, [record(gap=2e-5, at_motor=6.0, at_load=12.0, stiffness=4e6)])
+    assert within(part(found, "play").parameters["gap"], 2e-5, share=0.1)
+    assert within(part(found, "torsion").parameters["stiffness"], 4e6, share=0.1)
+    assert within(part(found, "torsion").parameters["friction_behind"], 2 / 3, share=0.2)
+
+
 def test_a_ripple_with_position_is_no_spring():
     r = record(rigid=True, delay=1e-3)
     wave = 2e-6 * np.sin(2 * np.pi * r.y_load / 0.008)
