@@ -337,8 +337,7 @@ class Effect:
         return np.array([float(values[p.name]) for p in self.parameters if p.linear])
 
     def signal(self, spec: EffectSpec, motion: Motion) -> Array:
-        """(N,) what the effect adds at its port along the motion: `regressors`, in the form that its
-        `options` say, times coefficients."""
+        """(N,) what the effect adds at its port along the motion: its form's `regressors`, weighted."""
         values = self.check(spec)
         form = {name: value for name, value in spec.options.items() if name in self.options}
         columns = self.regressors(motion, **form, **self.nonlinear_of(values))
