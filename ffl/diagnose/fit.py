@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.optimize
 
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.parallel import each
+from ffl.diagnose.stepping import aligned, damped, further_on, principal_steps
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.diagnose.whitening import Whitener
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 WORST = 1e30
 LEAST_DAMPING = 1e-10
-TIGHT = 1e-12  # room at a bound, in units of the noise: what is there stays
 STALE = 4  # rank-one updates on which small steps are no longer believed to be all there is
 SLOW = 0.3  # of the sum of squares: a small step
 ASTRAY = 0.25  # of a round: one simulation instead of one for every number
@@ -214,18 +213,31 @@ def jacobian(
         c = coordinates[k]
         if c.key in known:
             return known[c.key]
-        step = c.step
-        if theta[k] + step > c.upper:
-            step = -step
-        moved = theta.copy()
-        moved[k] += step
-        residuals = scene.residuals(model.at(moved))
-        if residuals is None:
-            return np.zeros(scene.samples)
-        return np.concatenate([(a - b) / step for a, b in zip(base, residuals, strict=True)])
+        step = np.zeros(len(theta))
+        step[k] = c.step if theta[k] + c.step <= c.upper else -c.step
+        return _difference(scene, model, base, step) / step[k]
 
     columns = each(column, range(len(theta)) if chosen is None else chosen)
     return np.column_stack(columns) if columns else np.zeros((scene.samples, 0))
+
+
+def jacobian_along(
+    scene: Scene, model: Model, base: Sequence[Array], j: Array, white: Array
+) -> Array:
+    """The columns of `jacobian` by differences along the principal directions of the last one, `j`:
+    what of them nearly cancels, where one number can undo what another does, is seen for itself."""
+    steps = principal_steps(j, white, model.theta, model.coordinates)
+    ends = each(lambda k: _difference(scene, model, base, steps[:, k]), range(len(steps)))
+    return np.linalg.solve(steps.T, np.column_stack(ends).T).T
+
+
+def _difference(scene: Scene, model: Model, base: Sequence[Array], step: Array) -> Array:
+    """What `step` adds to yhat, whose residuals at `model` are `base`; zero where it leaves all
+    bounds."""
+    residuals = scene.residuals(model.at(model.theta + step))
+    if residuals is None:
+        return np.zeros(scene.samples)
+    return np.concatenate([a - b for a, b in zip(base, residuals, strict=True)])
 
 
 def surprise(model: Model) -> float:
@@ -278,7 +290,7 @@ def fit(
     columns = jacobian(scene, model, residuals, known)
     j = scene.whiten_stacked(columns)
     fresh, damping, status = not known, 1e-4, "rounds"
-    factors = None
+    factors, way = None, np.zeros(len(theta))
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
     spent, last, stale = 0.0, float(white @ white), 0
@@ -291,12 +303,12 @@ def fit(
         spent += 1.0
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         factors = factors or triangle(j, white)
-        step, promised = _step(*factors, damping, theta, lower, upper, pull, units)
+        step, promised = damped(*factors, damping, theta, lower, upper, pull, units)
         if promised < tolerance:
             if fresh or promised < 0.1 * tolerance:
                 status = "converged"
                 break
-            columns = jacobian(scene, model, residuals)
+            columns = jacobian_along(scene, model, residuals, j, white)
             j, fresh, factors = scene.whiten_stacked(columns), True, None
             continue
         trial_theta = np.clip(theta + step, lower, upper)
@@ -315,6 +327,12 @@ def fit(
             change = white - tried_white - j @ moved
             raw = np.concatenate(residuals) - np.concatenate(tried) - columns @ moved
             theta, model, residuals, white = trial_theta, candidate, tried, tried_white
+            if ratio < 0.5 and aligned(moved, way, lengths(j)):
+                now = cost_of(white, theta)
+                beyond = further_on(scene, model, theta, moved, (lower, upper), now, cost_of)
+                if beyond is not None:
+                    theta, model, residuals, white = beyond
+            way = moved
             damping = max(0.2 * damping, LEAST_DAMPING) if ratio > 0.5 else 2.0 * damping
             stale = 0 if fresh else stale + 1
             if ratio > 0.7 and not (stale >= STALE and gained < SLOW * (white @ white)):
@@ -322,7 +340,7 @@ def fit(
                 fresh = False
             elif gained > tolerance:
                 model, residuals, white = _resettled(scene, model, residuals, white)
-                columns = jacobian(scene, model, residuals)
+                columns = jacobian_along(scene, model, residuals, j, white)
                 j, fresh = scene.whiten_stacked(columns), True
         elif fresh:
             damping = max(damping * 10.0, 1e-3)
@@ -331,7 +349,7 @@ def fit(
                 status = "stalled"
                 break
         else:
-            columns = jacobian(scene, model, residuals)
+            columns = jacobian_along(scene, model, residuals, j, white)
             j, fresh, factors = scene.whiten_stacked(columns), True, None
     return Fit(model, white, j, columns, status)
 
@@ -346,34 +364,3 @@ def _resettled(scene: Scene, model: Model, residuals: list[Array], white: Array)
     if again is None:
         return model, residuals, white
     return other, again, scene.whiten(again)
-
-
-def _step(
-    r: Array,
-    seen: Array,
-    damping: float,
-    theta: Array,
-    lower: Array,
-    upper: Array,
-    pull: Array,
-    units: Array,
-) -> tuple[Array, float]:
-    """From R and Q' white of the Jacobian, the damped step that is best within the bounds and the
-    decrease the linear model promises for it; `pull` draws theta to zero with so many standard
-    deviations per unit. What moves nothing by its own size (`units`) stays."""
-    white_in = np.append(seen, -pull * theta)
-    r = np.vstack([r, np.diag(pull)])
-    scale = np.linalg.norm(r, axis=0)
-    free = scale * units > 1e-10 * max((scale * units).max(), 1e-300)
-    index, step = np.flatnonzero(free), np.zeros(len(theta))
-    if not len(index):
-        return step, 0.0
-    stacked = np.vstack([r[:, index] / scale[index], np.sqrt(damping) * np.eye(len(index))])
-    padded = np.append(white_in, np.zeros(len(index)))
-    step[index] = np.linalg.lstsq(stacked, padded, rcond=1e-12)[0] / scale[index]
-    if np.any((theta + step < lower) | (theta + step > upper)):
-        room = (lower - theta)[index] * scale[index], (upper - theta)[index] * scale[index]
-        room = (np.minimum(room[0], -TIGHT), np.maximum(room[1], TIGHT))
-        step[index] = scipy.optimize.lsq_linear(stacked, padded, room, "bvls").x / scale[index]
-    left = white_in - r @ step
-    return step, float(white_in @ white_in - left @ left)

@@ -15,7 +15,7 @@ from ffl.diagnose.screen import Screen
 from ffl.diagnose.terms import Ranges, Term
 from ffl.diagnose.trials import Trial, behind_sensor, start_of
 from ffl.diagnose.triangle import triangle
-from ffl.effects import Motion
+from ffl.effects import EFFECTS, Motion
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
 from ffl.systems.state_space import Array
@@ -133,6 +133,23 @@ class FreeModel:
                 return None
             out.append(trial.y - found[0].y)
         return out
+
+
+def as_sent(scene: Scene, model: Model) -> list[Array] | None:
+    """y - yhat of each recording where the effects of `model` that change the command see it as it was
+    recorded, as a map beside the command may; None where there are none, or a command is unknown."""
+    told = [e for e in model.effects if EFFECTS[e.name].depends_on == ("command",)]
+    told = [e for e in told if EFFECTS[e.name].port == "command"]
+    known = all(np.all(np.isfinite(trial.u)) for trial in scene.trials)
+    if not told or not known:
+        return None
+    others = replace(model, effects=tuple(e for e in model.effects if e not in told))
+    trials = []
+    for trial in scene.trials:
+        motion = replace(Motion.still(0.0, trial.sample_time), u=trial.u)
+        taken = sum(EFFECTS[e.name].signal(e, motion) for e in told)
+        trials.append(replace(trial, load=taken if trial.load is None else trial.load + taken))
+    return replace(scene, trials=tuple(trials)).residuals(others)
 
 
 class Running:

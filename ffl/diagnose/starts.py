@@ -23,6 +23,7 @@ MOST = 8  # steps: directions that the first second shows faintly come in slowly
 TRAVELS = (-3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0)  # times the reach of a contact
 NEAR = (0.55, 0.75, 1.35, 1.8)  # times the best of these
 CLEARER = 4.0  # sum of squares by which another start at rest must be better
+ADRIFT = 8.0  # sum of squares per state of the plant that a start in motion must take off
 DONE = 0.1  # of the sum of squares in units of the noise: what one more step must bring
 
 
@@ -35,21 +36,42 @@ def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     trials = []
     for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
         if trial.at_rest:
-            trials.append(_stood(model, trial, whitener))
-            continue
-        for _ in range(rounds):
-            trial, gained = _improved(model, trial, whitener)
-            if gained < DONE:
-                break
+            trial = _adrift(model, _stood(model, trial, whitener), whitener)
+        else:
+            trial = _started(model, trial, whitener, rounds)
         trials.append(trial)
     if all(a is b for a, b in zip(trials, scene.trials, strict=True)):
         return scene
     return replace(scene, trials=tuple(trials))
 
 
+def _started(model: Model, trial: Trial, whitener: Whitener, rounds: int) -> Trial:
+    for _ in range(rounds):
+        trial, gained = _improved(model, trial, whitener)
+        if gained < DONE:
+            break
+    return trial
+
+
+def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
+    """The trial, or as it begins in motion where its first second says so: nothing holds a machine with
+    a dead zone or play where its reference stands still."""
+    if trial.adrift is None:
+        return trial
+    start, doubt = trial.adrift
+    moving = replace(trial, start=start, doubt=doubt, at_rest=False, loaded=False, travel=0.0)
+    moving = _started(model, moving, whitener, MOST)
+    head = slice(0, min(len(trial), max(200, round(SECONDS / trial.sample_time))))
+    costs = []
+    for one in (trial, moving):
+        run = model.simulate(one.head(head.stop))
+        costs.append(np.inf if run.diverged else float(np.sum(whitener(one.y[head] - run.y) ** 2)))
+    return moving if costs[1] < costs[0] - ADRIFT * model.base.simulator.n_plant else trial
+
+
 def _open(scene: Scene, model: Model) -> bool:
     """Whether the model has a say in how a recording began."""
-    if not all(trial.at_rest for trial in scene.trials):
+    if any(not trial.at_rest or trial.adrift is not None for trial in scene.trials):
         return True
     return _reach(model) > 0 or winds(model.base.simulator, model.acting)
 

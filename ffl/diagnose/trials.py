@@ -47,6 +47,7 @@ class Trial:
     mechanics: Mechanics
     travel: float = 0.0  # in one direction until the first sample, as near as it is known
     loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
+    adrift: tuple[Array, Array] | None = None  # start and doubt, were it not at rest after all
 
     def __len__(self) -> int:
         return len(self.y)
@@ -242,18 +243,15 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
             # In open loop rest is where the first command holds it.
             held = float(recording.u[0]) + _loads(simulator, plant.effects)
             start = rest_under(simulator, float(recording.u[0]), held, first)
-    elif known_command:
-        drive = recording.u if recording.d is None else recording.u + recording.d
-        estimate, spread = plant_start(simulator, drive, recording.y, noise)
-        # What is missing in the model acts on the first samples too: a fifth of the command, say.
-        other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise)
-        spread = spread + np.outer(other - estimate, other - estimate)
-        order = _ordering(simulator)
-        start[order] = estimate
-        doubt[np.ix_(order, order)] = spread
+    adrift = None
+    if known_command and (plant.controller is not None or not rest):
+        adrift = _in_motion(simulator, recording, noise)
+    if not rest and adrift is not None:
+        start[: n_plant + delay], doubt = adrift[0][: n_plant + delay], adrift[1]
     if plant.controller is not None and known_command:
         states, _ = feedback_of(plant.controller, recording)
-        start[n_plant + delay :] = states
+        for whole in (start, adrift[0]):
+            whole[n_plant + delay :] = states
     return Trial(
         recording.source,
         float(recording.t[0]),
@@ -269,7 +267,22 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         simulator.mechanics,
         0.0 if rest else _travel(recording, is_speed(plant.output_unit)),
         rest and springs_back(simulator),
+        adrift if rest else None,
     )
+
+
+def _in_motion(simulator: Simulator, recording: Recording, noise: float) -> tuple[Array, Array]:
+    """(start, doubt) of a plant that moves at the first sample; the controller's states stay zero."""
+    n = simulator.n_plant + simulator.mechanics.delay
+    start, doubt = np.zeros(simulator.n_states), np.zeros((n + simulator.controller.order,) * 2)
+    drive = recording.u if recording.d is None else recording.u + recording.d
+    estimate, spread = plant_start(simulator, drive, recording.y, noise)
+    # What is missing in the model acts on the first samples too: a fifth of the command, say.
+    other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise)
+    order = _ordering(simulator)
+    start[order] = estimate
+    doubt[np.ix_(order, order)] = spread + np.outer(other - estimate, other - estimate)
+    return start, doubt
 
 
 def _loads(simulator: Simulator, effects: Sequence[EffectSpec]) -> float:

@@ -14,7 +14,16 @@ from ffl.diagnose.events import Events, events
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
-from ffl.diagnose.freemodel import FreeModel, FreeScreen, Part, evidence, held_motion, tables_of
+from ffl.diagnose.freemodel import (
+    SENT,
+    FreeModel,
+    FreeScreen,
+    Part,
+    as_sent,
+    evidence,
+    held_motion,
+    tables_of,
+)
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import LOST, OPEN, UNTOLD
 from ffl.diagnose.model import Model
@@ -139,7 +148,22 @@ def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
 
 def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
     """Sum of squares that the names leave in the fitted recordings, under the maps' noise."""
-    return replace(scene, noise=alone.scene.noise).cost(standing)
+    quiet = replace(scene, noise=alone.scene.noise)
+    left = _left(quiet, standing, alone)
+    return np.inf if left is None else float(np.sum(quiet.whiten(left) ** 2))
+
+
+def _left(scene: Scene, names: Model, alone: FreeForm) -> list[Array] | None:
+    """What `names` leave, None where they run away. Where the maps saw the command as it was recorded,
+    what the names do to the command may see it too: in a dead zone noise moves the machine unheld, and
+    who knows the command knows where it went."""
+    left = scene.residuals(names)
+    if left is None or not any(p.place.side == SENT for p in alone.parts):
+        return left
+    told = as_sent(scene, names)
+    if told is None or np.sum(scene.whiten(told) ** 2) > np.sum(scene.whiten(left) ** 2):
+        return left
+    return told
 
 
 def _gains(
@@ -148,7 +172,7 @@ def _gains(
     """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise. What
     held-out recordings gain by corrections that the fitted ones leave open is no map's."""
     quiet = replace(scene, noise=alone.scene.noise)
-    left = quiet.residuals(standing)
+    left = _left(quiet, standing, alone)
     if left is None:
         return np.inf, np.inf
     all_of_it = np.ones(len(alone.white), bool)
@@ -161,7 +185,7 @@ def _gains(
         rivals.append(bare)
     gained = []
     for rival in rivals:
-        left = judged.residuals(rival)
+        left = _left(judged, rival, alone)
         white = None if left is None else judged.judge(left, alone.known)
         gained.append(np.inf if white is None else held_gain(white, alone.held_white, alone.known))
     return fitted, min(gained)
@@ -176,7 +200,7 @@ def _nearly(
         judged = replace(held, noise=alone.scene.noise)
         sets.append((judged, alone.held_white, alone.known))
     for ground, white, known in sets:
-        none, named = ground.residuals(nominal), ground.residuals(standing)
+        none, named = ground.residuals(nominal), _left(ground, standing, alone)
         if none is None or named is None:
             return False
         whole, some, least = (

@@ -44,6 +44,9 @@ class DeadZone(Effect):
         shape = nonlinear["shape"]
         return np.column_stack([-np.clip(motion.u, -shape, shape) / shape])
 
+    def nonlinear_of(self, values: Parameters) -> dict[str, float]:
+        return {"shape": max(float(values["half_width"]), 1e-300)}
+
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
         return {"half_width": max(float(coefficients[0]), 0.0)}
 
