@@ -112,6 +112,10 @@ def compare(
             return _described(Contest("unnamed", alone, None, *gains, bursts), rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
+    # What was seen directly in the recording stands; maps may come beside it. (A clipped output under
+    # loud noise has a rounder mean than its limit, and a map that draws it is no discovery.)
+    seen = bool({e.name for e in standing.effects} & standing.proven)
+    alone = None if seen else alone
     winning = alone is not None and gains[0] > MARGIN and gains[1] > HELD_WORTH
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never

@@ -334,6 +334,8 @@ class Effect:
 
     def coefficients_of(self, values: Parameters) -> Array:
         """The coefficients of `regressors` for these parameters: `from_coefficients` backwards."""
+        if self.fixed_amount:
+            return np.ones(1)
         return np.array([float(values[p.name]) for p in self.parameters if p.linear])
 
     def signal(self, spec: EffectSpec, motion: Motion) -> Array:
