@@ -175,7 +175,7 @@ def _finding(
 
 def _round_of(name: str, steps: list[Step]) -> Step | None:
     for step in steps:
-        if step.accepted is not None and step.accepted.model.names[-1] == name:
+        if name in step.joined:
             return step
     return None
 

@@ -18,6 +18,13 @@ class Step:
     rivals: tuple[Judged, ...]
     accepted: Judged | None
 
+    @property
+    def joined(self) -> tuple[str, ...]:
+        """The effects that came in: one, two at once, or none."""
+        if self.accepted is None:
+            return ()
+        return self.accepted.model.names[len(self.before.model.names) :]
+
 
 @dataclass(frozen=True)
 class Outcome:

@@ -58,13 +58,16 @@ NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rou
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
-    squares to first order with `freedom` coefficients, beside `like`."""
+    squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear` of
+    motions as simulated or `recorded`."""
 
     spec: EffectSpec
     gain: float
     freedom: int
     place: Place
     like: Fit
+    nonlinear: Mapping[str, float]
+    recorded: bool = False
 
 
 ABSOLUTE = frozenset(  # effects that need the position itself, not only changes of it
@@ -281,14 +284,7 @@ class Screen:
             grid = effect.grid(_joined(motions))
         best: Candidate | None = None
         for nonlinear in grid:
-            if place.port == "flow":
-                columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
-            else:
-                columns = self.through(
-                    place, [self._columns(effect, m, nonlinear, place) for m in motions]
-                )
-            if effect.scan == "time" and self.scene.free_clocks:
-                columns = _apart(columns, [len(m.t) for m in motions])
+            columns = self._table(effect, place, nonlinear, recorded)
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             worth = gain - PER_COLUMN * columns.shape[1]
             if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
@@ -297,13 +293,28 @@ class Screen:
                 continue
             if gain <= 0.0:
                 continue
-            values = effect.from_coefficients(
-                coefficients[: effect_columns(effect, coefficients)], nonlinear
-            )
-            chosen = {key: values.pop(key) for key in list(values) if key in effect.options}
-            spec = EffectSpec(effect.name, values, {**place.options, **chosen})
-            best = Candidate(spec, gain, columns.shape[1], place, self.fit)
+            spec = _spec_of(effect, place, coefficients, nonlinear)
+            freedom = columns.shape[1]
+            best = Candidate(spec, gain, freedom, place, self.fit, nonlinear, recorded)
         return best
+
+    def table_of(self, c: Candidate) -> Array:
+        """The candidate's columns, (N, freedom), in whitened y."""
+        return self._table(EFFECTS[c.spec.name], c.place, c.nonlinear, c.recorded)
+
+    def _table(
+        self, effect: Effect, place: Place, nonlinear: Mapping[str, float], recorded: bool
+    ) -> Array:
+        motions = self.motions(place, recorded)
+        if place.port == "flow":
+            columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
+        else:
+            columns = self.through(
+                place, [self._columns(effect, m, nonlinear, place) for m in motions]
+            )
+        if effect.scan == "time" and self.scene.free_clocks:
+            columns = _apart(columns, [len(m.t) for m in motions])
+        return columns
 
     def _simulated(self, spec: EffectSpec) -> Array:
         """What `spec` changes in the whitened y by simulation, (N, 1)."""
@@ -321,6 +332,20 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
+
+
+def with_coefficients(c: Candidate, coefficients: Array) -> EffectSpec:
+    """The candidate's effect with other coefficients of its columns."""
+    return _spec_of(EFFECTS[c.spec.name], c.place, coefficients, c.nonlinear)
+
+
+def _spec_of(
+    effect: Effect, place: Place, coefficients: Array, nonlinear: Mapping[str, float]
+) -> EffectSpec:
+    own = coefficients[: effect_columns(effect, coefficients)]
+    values = effect.from_coefficients(own, nonlinear)
+    chosen = {key: values.pop(key) for key in list(values) if key in effect.options}
+    return EffectSpec(effect.name, values, {**place.options, **chosen})
 
 
 def effect_columns(effect: Effect, coefficients: Array) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
+from ffl.diagnose.duets import duet
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
@@ -133,7 +134,7 @@ def _climb(
     last_error = np.inf
     reserve = PLIABLE
     turned_down: set[str] = set()  # in the present company
-    again = False
+    again, together = False, True
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(
@@ -162,7 +163,9 @@ def _climb(
             # What came in last does not hold up on the held-out recordings once all is refitted.
             times = np.sqrt(error / last_error)
             say(f"  turned down again: held-out error {times:.2f} times as large")
-            turned_down.add(steps[-1].accepted.model.names[-1])
+            came = steps[-1].joined
+            turned_down |= set(came) if len(came) == 1 else set()
+            together = together and len(came) == 1
             steps[-1] = replace(steps[-1], accepted=None)
             standing, contenders, again = steps[-1].before, last_contenders, True
             scene = replace(scene, trials=standing.scene.trials)
@@ -171,7 +174,7 @@ def _climb(
         if not again:
             turned_down = set()
         last_error = error
-        joined = sum(step.accepted is not None for step in steps)
+        joined = sum(len(step.joined) for step in steps)
         if joined == most or len(steps) == ROUNDS * most:
             return Outcome(base, steps, held, contenders)
         least = (
@@ -183,10 +186,12 @@ def _climb(
         screened = []
         entrants: list[Candidate] = []
         points = points_of(base.model)
+        views: list[tuple[Screen, list[Candidate]]] = []
         for screen in screens(quiet, base):
             seen = screen.candidates()
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
+            views.append((screen, fresh))
             pliable = [c for c in fresh if c.spec.name in PLIABLE]
             plain = [c for c in fresh if c not in pliable] if reserve else pliable
             # Far from what was measured first orders do not tell one point from another.
@@ -216,6 +221,10 @@ def _climb(
             # What stands is no longer nominal: it claims an effect too, and must be the better one.
             worthy = _claimants(held, base, rivals, threshold)
         accepted = worthy[0] if worthy else None
+        if together and joined + 2 <= most:
+            single = accepted or (rivals[0] if rivals else None)
+            both = duet(quiet, held, base, views, single, threshold, say)
+            rivals, accepted = ([both, *rivals], both) if both else (rivals, accepted)
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
             reserve, standing, last_error, again = frozenset(), base, np.inf, True

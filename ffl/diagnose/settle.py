@@ -200,7 +200,7 @@ def challengers(
     if spec.name in DRY:  # whichever form came in first, the table is another of the same force
         names += PLIABLE
     for step in steps:
-        if step.accepted is not None and step.accepted.model.names[-1] == spec.name:
+        if spec.name in step.joined:
             names += [r.model.names[-1] for r in step.rivals[:4]]
         elif step.accepted is not None:  # who was there before, if it no longer is
             names.append(step.accepted.model.names[-1])
