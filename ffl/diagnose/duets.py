@@ -43,8 +43,6 @@ def duet(
     """`base` with the two effects that together explain what no `single` one does, or None."""
     if base.fit.cost < SWINGS * len(base.fit.white):
         return None  # near what was measured one comes after the other
-    if single is not None and single.fit.cost < SWINGS * len(base.fit.white):
-        return None
     starts = [start for screen, seen in screens for start in pairs(screen, seen)]
     starts.sort(key=lambda start: start[0])
 

@@ -191,9 +191,9 @@ def _climb(
             seen = screen.candidates()
             screened += seen
             fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
-            views.append((screen, fresh))
             pliable = [c for c in fresh if c.spec.name in PLIABLE]
             plain = [c for c in fresh if c not in pliable] if reserve else pliable
+            views.append((screen, plain))
             # Far from what was measured first orders do not tell one point from another.
             far = base.fit.cost > SWINGS * len(base.fit.white)
             listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
