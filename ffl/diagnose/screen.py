@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -66,7 +66,7 @@ class Candidate:
     freedom: int
     place: Place
     like: Fit
-    nonlinear: Mapping[str, float]
+    nonlinear: Mapping[str, float] = field(default_factory=dict)
     recorded: bool = False
 
 

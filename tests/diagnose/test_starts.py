@@ -50,3 +50,22 @@ def test_a_machine_that_hardly_moves_at_first_has_come_from_nowhere(stage, recor
     assert prepare(simulator, recording, 1e-7).travel == 0.0
     assert prepare(simulator, recording[255:], 1e-7).travel == 0.0
     assert prepare(simulator, recording[1030:], 1e-7).travel < -0.01
+
+
+def test_a_reference_at_rest_is_no_machine_at_rest(stage, record):
+    """Within a dead zone nothing holds the machine: it drifts where its reference stands still."""
+    dead = EffectSpec("dead_zone", {"half_width": 0.4})
+    machine = replace(stage, effects=(dead,), machine=replace(stage.machine, force_noise=0.05))
+    recording = record(machine)[0]
+    moving = recording[60:]  # while it drifts, before the first move at 0.25 s
+    base = Base.of(stage, 0.1)
+    trial = replace(prepare(base.simulator, moving, 1e-7), at_rest=True)
+    speed = np.gradient(recording.y, stage.sample_time)[58:62].mean()
+    if trial.adrift is None:
+        trial = replace(trial, adrift=(trial.start, trial.doubt))
+    still = replace(trial, start=base.simulator.at_rest(float(moving.y[0])), doubt=0 * trial.doubt)
+    scene = Scene(stage.loop, (still,), Noise(1e-7, 5e-2))
+    (settled,) = with_starts(scene, Model(base, effects=(dead,))).trials
+    begun = Model(base, effects=(dead,)).simulate(settled)
+    assert not settled.at_rest
+    assert abs(begun.v[0] - speed) < 0.3 * abs(speed)

@@ -1,0 +1,68 @@
+"""Two effects that hide one another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose import duets
+from ffl.diagnose.fit import fit
+from ffl.diagnose.judging import judge
+from ffl.diagnose.screen import Screen, with_coefficients
+from ffl.systems.plant import EffectSpec
+
+FRICTION = EffectSpec("coulomb_friction", {"level": 6.0})
+DRIFT = EffectSpec("drift", {"time_constant": 1.2, "amplitude": 9.0})
+
+
+def views(scene, model):
+    screen = Screen(scene, fit(scene, model, rounds=0))
+    seen = [c for c in screen.candidates() if c.spec.name != "position_dependent_friction"]
+    return screen, seen
+
+
+def test_first_orders_find_the_pair(stage, record, scenes):
+    scene, _, model = scenes(record(replace(stage, effects=(FRICTION, DRIFT))))
+    screen, seen = views(scene, model)
+    left, like, both = duets.pairs(screen, seen)[0]
+    assert {"drift"} < {spec.name for spec in both}
+    (friction,) = {spec.name for spec in both} - {"drift"}
+    assert friction in duets.DRY
+    assert like in seen
+    assert left < 0.2 * float(screen.residual @ screen.residual)
+
+
+def test_one_effect_makes_no_pair(stage, record, scenes):
+    scene, _, model = scenes(record(replace(stage, effects=(FRICTION,))))
+    screen, seen = views(scene, model)
+    assert not [p for p in duets.pairs(screen, seen) if {s.name for s in p[2]} <= duets.DRY]
+
+
+def test_both_come_in_at_once(stage, record, scenes):
+    machine = replace(stage, effects=(FRICTION, DRIFT))
+    scene, held, model = scenes(record(machine))
+    base = judge(scene, held, model)
+    said: list[str] = []
+    screen, seen = views(scene, model)
+    found = duets.duet(scene, held, base, [(screen, seen)], None, 20.0, said.append)
+    assert found is not None
+    assert "drift" in found.model.names
+    assert len(found.model.effects) == 2
+    assert said
+
+
+def test_near_what_was_measured_one_comes_after_the_other(stage, record, scenes):
+    scene, held, model = scenes(record(stage))
+    base = judge(scene, held, model)
+    assert duets.duet(scene, held, base, [], None, 20.0, print) is None
+
+
+def test_a_candidate_keeps_what_its_columns_are(stage, record, scenes):
+    scene, _, model = scenes(record(replace(stage, effects=(FRICTION,))))
+    screen, seen = views(scene, model)
+    best = next(c for c in seen if c.spec.name == "coulomb_friction")
+    table = screen.table_of(best)
+    gain, coefficients = screen.gain(table, positive=True)
+    assert np.isclose(gain, best.gain)
+    assert with_coefficients(best, coefficients).parameters == best.spec.parameters
