@@ -13,11 +13,12 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from ffl.diagnose.candidate import Candidate, with_coefficients
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled
 from ffl.diagnose.ladders import SWINGS
 from ffl.diagnose.parallel import each
-from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Candidate, Screen, with_coefficients
+from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen
 from ffl.diagnose.settle import DRY, KEEP
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.diagnose.triangle import triangle

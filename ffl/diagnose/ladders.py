@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
-from ffl.diagnose.screen import Candidate, orthonormal
+from ffl.diagnose.screen import orthonormal
 from ffl.diagnose.triangle import lengths
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec

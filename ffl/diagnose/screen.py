@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 import scipy.fft
 import scipy.optimize
 
+from ffl.diagnose.candidate import Candidate, spec_of
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.parallel import each
@@ -53,21 +54,6 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
 )
 OFF = 0.01  # of the travel: a simulation further off counts periods elsewhere than the machine
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
-    squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear` of
-    motions as simulated or `recorded`."""
-
-    spec: EffectSpec
-    gain: float
-    freedom: int
-    place: Place
-    like: Fit
-    nonlinear: Mapping[str, float] = field(default_factory=dict)
-    recorded: bool = False
 
 
 ABSOLUTE = frozenset(  # effects that need the position itself, not only changes of it
@@ -293,7 +279,7 @@ class Screen:
                 continue
             if gain <= 0.0:
                 continue
-            spec = _spec_of(effect, place, coefficients, nonlinear)
+            spec = spec_of(effect, place, coefficients, nonlinear)
             freedom = columns.shape[1]
             best = Candidate(spec, gain, freedom, place, self.fit, nonlinear, recorded)
         return best
@@ -332,38 +318,6 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
-
-
-def with_coefficients(c: Candidate, coefficients: Array) -> EffectSpec:
-    """The candidate's effect with other coefficients of its columns."""
-    return _spec_of(EFFECTS[c.spec.name], c.place, coefficients, c.nonlinear)
-
-
-def _spec_of(
-    effect: Effect, place: Place, coefficients: Array, nonlinear: Mapping[str, float]
-) -> EffectSpec:
-    own = coefficients[: effect_columns(effect, coefficients)]
-    values = effect.from_coefficients(own, nonlinear)
-    chosen = {key: values.pop(key) for key in list(values) if key in effect.options}
-    return EffectSpec(effect.name, values, {**place.options, **chosen})
-
-
-def effect_columns(effect: Effect, coefficients: Array) -> int:
-    """Coefficients that belong to the first recording where every one has its own phase or beginning."""
-    return {"periodic_disturbance": 2, "drift": 1}.get(effect.name, len(coefficients))
-
-
-def _begun_apart(settling: Sequence[Array], one: float) -> list[Array]:
-    """Columns of a force that settles, one (1 - exp(-t/T)) in the first recording, and of which every
-    other one may show any later part: one column for the force, one more for each of those."""
-    out = []
-    for k, column in enumerate(settling):
-        table = np.zeros((len(column), len(settling)))
-        table[:, 0] = column[:, 0]
-        if k:
-            table[:, k] = one - column[:, 0]
-        out.append(table)
-    return out
 
 
 def _apart(columns: Array, lengths: Sequence[int]) -> Array:

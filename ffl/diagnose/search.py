@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
 from ffl.diagnose.duets import duet
@@ -44,7 +45,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import points_of
 from ffl.diagnose.rounds import Outcome, Step
-from ffl.diagnose.screen import Candidate, Screen, orthonormal
+from ffl.diagnose.screen import Screen, orthonormal
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, credible, earns, judge, levelled
@@ -15,7 +16,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import POINT
 from ffl.diagnose.rounds import Step
-from ffl.diagnose.screen import Candidate, Screen
+from ffl.diagnose.screen import Screen
 from ffl.effects import EFFECTS
 
 KEEP = 20.0  # score an effect must be worth beside all others

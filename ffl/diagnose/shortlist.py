@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.judging import PER_NUMBER
 from ffl.diagnose.places import Place
-from ffl.diagnose.screen import Candidate
 from ffl.effects import EFFECTS
 
 SHORTLIST = 6

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose import duets
+from ffl.diagnose.candidate import with_coefficients
 from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import judge
-from ffl.diagnose.screen import Screen, with_coefficients
+from ffl.diagnose.screen import Screen
 from ffl.systems.plant import EffectSpec
 
 FRICTION = EffectSpec("coulomb_friction", {"level": 6.0})

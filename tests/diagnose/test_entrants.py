@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from ffl.diagnose import glimpse
+from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.places import Place, distinct_forces, points_of
-from ffl.diagnose.screen import Candidate
 from ffl.diagnose.shortlist import shortlist
 from ffl.systems.plant import EffectSpec
 

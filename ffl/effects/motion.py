@@ -1,0 +1,58 @@
+"""The motion of a point of the machine, and what drives it: what an effect answers to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffl.systems.state_space import Array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Simulated signals of one recording, each of shape (N,).
+
+    `t` s; `r` reference; `u` command as sent; `x`, `v`, `a` position, velocity and acceleration of
+    the point where an effect acts (output units and their time derivatives), noise-free; `mass` of
+    the moving part (force unit s^2 / output unit; 1/`Mechanics` residue).
+    """
+
+    t: Array
+    r: Array
+    u: Array
+    x: Array
+    v: Array
+    a: Array
+    sample_time: float
+    mass: float = 1.0
+
+    @classmethod
+    def of_reference(cls, r: Array, sample_time: float, mass: float = 1.0) -> Motion:
+        """The motion a reference asks for: central differences, v = dr/dt, a = d2r/dt2."""
+        r = np.asarray(r, float)
+        v = np.gradient(r, sample_time)
+        t = sample_time * np.arange(len(r))
+        return cls(t, r, np.zeros_like(r), r, v, np.gradient(v, sample_time), sample_time, mass)
+
+    @classmethod
+    def still(cls, position: float, sample_time: float, time: float = 0.0) -> Motion:
+        """Two samples of standstill at a position and a time, without command."""
+        at, zero = np.full(2, position), np.zeros(2)
+        return cls(np.full(2, time), at, zero, at, zero, zero, sample_time)
+
+    @property
+    def direction(self) -> Array:
+        """Sign of v, straight through zero below a thousandth of the largest |v|: at standstill a
+        simulated velocity is rounding, and its sign would be noise."""
+        floor = 1e-3 * float(np.abs(self.v).max(initial=0.0))
+        return np.clip(self.v / floor, -1.0, 1.0) if floor > 0 else np.zeros_like(self.v)
+
+    @property
+    def span(self) -> float:
+        """Largest minus smallest position."""
+        return float(np.ptp(self.x)) if len(self.x) else 0.0
+
+    @property
+    def middle(self) -> float:
+        return 0.5 * float(self.x.max() + self.x.min())
