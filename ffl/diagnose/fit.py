@@ -268,7 +268,9 @@ def fit(
     sum of squares (in units of the noise), or after so many `rounds`: a step that leads astray is one
     simulation and counts as a part of one. With a `goal`, a sum of squares that another hypothesis
     reaches, it goes on as long as it closes in on that. Broyden's rank-one update spares differences
-    while the steps do what they promise; columns `known` from elsewhere spare the first of them. The
+    while the steps do what they promise; columns `known` from elsewhere spare the first of them. After
+    that differences follow the principal directions of the columns before (`jacobian_along`), and two
+    poor steps that go the same way are gone on with as long as that helps (`further_on`). The
     corrections of the linear model pay for leaving their nominal values (`Coordinate.doubt`).
     """
     theta = model.theta

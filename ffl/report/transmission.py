@@ -83,7 +83,7 @@ def over_time(ax: Axes, d: Drawn, unit: str) -> Axes:
     ax.plot(d.t, d.rest, color=COLOURS[0], linewidth=0.9, label="left")
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"difference [{unit}]")
-    ax.legend(ncols=3)
+    ax.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))  # above: curves fill the axes
     return ax
 
 
