@@ -52,6 +52,7 @@ def duet(
         model = like.like.model
         for spec in specs:
             model = model.with_effect(spec)
+        model = model.at(model.theta)  # within bounds
         scene = with_starts(with_clocks(quiet, model, 1), model)
         return scene, fit(scene, model, rounds=BEGUN)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
+from ffl.diagnose.places import Place
 from ffl.diagnose.screen import orthonormal
 from ffl.diagnose.triangle import lengths
 from ffl.effects import EFFECTS
@@ -22,6 +23,7 @@ from ffl.systems.state_space import Array
 COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
 SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 GLIMPSE = 8  # of so many samples one is simulated to see which starts are not worth the others
+LIMIT, LEVELS = "saturation", 16  # geometric steps from the median of |u| to its maximum
 SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
@@ -108,17 +110,36 @@ def _measured_levels(scene: Scene, name: str) -> Array:
     return np.zeros(0)
 
 
+def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
+    """A limit of the command where first order has none to propose: the simulation beside `like` may
+    never get as far, and what was sent goes far beyond."""
+    u = np.abs(np.concatenate([t.u for t in scene.trials]))
+    if LIMIT in known or not np.all(np.isfinite(u)) or not np.median(u) > 0.0:
+        return []
+    basis = orthonormal(scene.whiten_stacked(like.columns))
+    levels = np.geomspace(np.median(u), u.max(), LEVELS)
+    specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels]
+    left = each(lambda spec: _left(scene, basis, like.model.with_effect(spec)), specs)
+    return [Candidate(specs[int(np.argmin(left))], 0.0, 1, Place(EFFECTS[LIMIT].port), like)]
+
+
 def overlooked(
-    quiet: Scene, base: Judged, fresh: Sequence[Candidate], listed: Sequence[Candidate]
+    quiet: Scene,
+    base: Judged,
+    like: Fit,
+    fresh: Sequence[Candidate],
+    listed: Sequence[Candidate],
+    taken: Collection[str] = (),
 ) -> list[Candidate]:
     """Effects of which a simulation on their `ladder` shows what no first order does: where the motion
     is far from what was measured (a limit that makes the loop swing), a start from which the sum of
-    squares falls to a small part."""
+    squares falls to a small part; a limit of the command, unless it is `taken`, also where first order
+    proposes none."""
     if base.fit.cost < SWINGS * len(base.fit.white):
         return []
     names = {c.spec.name for c in listed}
     out = []
-    for c in fresh:
+    for c in [*fresh, *_limits(quiet, like, {c.spec.name for c in fresh} | set(taken))]:
         if EFFECTS[c.spec.name].ladder and c.spec.name not in names:
             names.add(c.spec.name)
             least = FALLS * base.fit.cost

@@ -198,7 +198,7 @@ def _climb(
             # Far from what was measured first orders do not tell one point from another.
             far = base.fit.cost > SWINGS * len(base.fit.white)
             listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
-            entrants += listed + overlooked(quiet, base, fresh, listed)
+            entrants += listed + overlooked(quiet, base, screen.fit, fresh, listed, taken)
         rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
         rivals += courses(quiet, held, base, rivals)
         for rival in rivals:

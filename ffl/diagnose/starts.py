@@ -30,16 +30,19 @@ DONE = 0.1  # of the sum of squares in units of the noise: what one more step mu
 def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     """The scene with the starts of recordings that begin in motion fitted under `model`, in at most
     `rounds` steps each, and those at rest with springs wound up or not, as they show it; the scene
-    itself where no start is open."""
+    itself where no start is open, or the model is of no machine."""
     if not _open(scene, model):
         return scene
     trials = []
-    for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
-        if trial.at_rest:
-            trial = _adrift(model, _stood(model, trial, whitener), whitener)
-        else:
-            trial = _started(model, trial, whitener, rounds)
-        trials.append(trial)
+    try:
+        for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
+            if trial.at_rest:
+                trial = _adrift(model, _stood(model, trial, whitener), whitener)
+            else:
+                trial = _started(model, trial, whitener, rounds)
+            trials.append(trial)
+    except InputError:  # there is no such machine: no fit goes there either
+        return scene
     if all(a is b for a, b in zip(trials, scene.trials, strict=True)):
         return scene
     return replace(scene, trials=tuple(trials))
