@@ -23,7 +23,7 @@ from ffl.systems.state_space import Array
 COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
 SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 GLIMPSE = 8  # of so many samples one is simulated to see which starts are not worth the others
-LIMIT, LEVELS = "saturation", 16  # geometric steps from the median of |u| to its maximum
+LIMIT, LOWEST, LEVELS = "saturation", 0.05, 20  # shares of the largest command
 SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
@@ -111,15 +111,17 @@ def _measured_levels(scene: Scene, name: str) -> Array:
 
 
 def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
-    """A limit of the command where first order has none to propose: the simulation beside `like` may
-    never get as far, and what was sent goes far beyond."""
-    u = np.abs(np.concatenate([t.u for t in scene.trials]))
-    if LIMIT in known or not np.all(np.isfinite(u)) or not np.median(u) > 0.0:
+    """A limit of the command where first order has none to propose, in which it would swing: at the
+    share of the largest command that the simulation beside `like` sends which leaves least."""
+    if LIMIT in known:
         return []
+    largest = max(float(np.abs(like.model.simulate(t).u).max()) for t in scene.trials)
     basis = orthonormal(scene.whiten_stacked(like.columns))
-    levels = np.geomspace(np.median(u), u.max(), LEVELS)
-    specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels]
+    levels = largest * np.geomspace(LOWEST, 1.0, LEVELS)
+    specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels if level > 0.0]
     left = each(lambda spec: _left(scene, basis, like.model.with_effect(spec)), specs)
+    if not specs:
+        return []
     return [Candidate(specs[int(np.argmin(left))], 0.0, 1, Place(EFFECTS[LIMIT].port), like)]
 
 

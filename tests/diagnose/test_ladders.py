@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import judge
@@ -11,11 +12,12 @@ from ffl.systems.plant import EffectSpec
 
 
 def test_a_limit_that_the_simulation_never_reaches_is_tried(stage, record, scenes):
-    machine = replace(stage, effects=(EffectSpec("saturation", {"limit": 0.8}),))
-    scene, held, model = scenes(record(machine))
-    base, like = judge(scene, held, model, 0), fit(scene, model, rounds=0)
+    machine = replace(stage, effects=(EffectSpec("saturation", {"limit": 1.3}),))
+    scene, _, model = scenes(record(machine))
+    like = fit(scene, model, rounds=0)
+    base = SimpleNamespace(fit=like)
     (found,) = overlooked(scene, base, like, [], [])
-    assert 0.6 < found.spec.parameters["limit"] < 1.05
+    assert 1.1 < found.spec.parameters["limit"] < 1.5
     assert overlooked(scene, base, like, [], [], taken={"saturation"}) == []
 
 
