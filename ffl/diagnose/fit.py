@@ -189,6 +189,8 @@ class Fit:
         scale = np.maximum(lengths(j), 1e-150)  # its square must not vanish
         r, _ = triangle(j / scale, self.white)
         _, s, vt = np.linalg.svd(r)
+        if not s[0] > 0.0:  # the data see nothing of any number
+            return np.full((len(s), len(s)), np.inf)
         s = np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)
         half = vt.T / s
         inflate = max(1.0, self.cost / max(len(self.white) - j.shape[1], 1))

@@ -184,7 +184,7 @@ def fit_noise(
             parts.append(path * colour * strength)
             slopes += [2.0 * parts[-1], path * slope * strength]
             slopes[white] = slopes[white] + 2.0 * parts[-1]
-        density = np.maximum(sum(parts) + paths.sensor * floor**2, 1e-300)
+        density = np.maximum(sum(parts) + paths.sensor * floor**2, 1e-150)  # squared below
         value = float(np.sum(weight * (np.log(density) + seen.power / density)))
         factor = weight * (1.0 / density - seen.power / density**2)
         gradient = np.array([float(factor @ slope) for slope in slopes])
