@@ -59,8 +59,8 @@ def _started(model: Model, trial: Trial, whitener: Whitener, rounds: int) -> Tri
 def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     """The trial, or as it begins in motion where its first second says so: nothing holds a machine with
     a dead zone or play where its reference stands still."""
-    if trial.adrift is None:
-        return trial
+    if trial.adrift is None or winds(model.base.simulator, model.acting):
+        return trial  # what winds springs up, or lets them go, is told apart by `_stood`
     start, doubt = trial.adrift
     moving = replace(trial, start=start, doubt=doubt, at_rest=False, loaded=False, travel=0.0)
     moving = _started(model, moving, whitener, MOST)
