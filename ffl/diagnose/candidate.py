@@ -15,8 +15,7 @@ from ffl.systems.state_space import Array
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
-    squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear` of
-    motions as simulated or `recorded`."""
+    squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear`."""
 
     spec: EffectSpec
     gain: float
@@ -24,7 +23,6 @@ class Candidate:
     place: Place
     like: Fit
     nonlinear: Mapping[str, float] = field(default_factory=dict)
-    recorded: bool = False
 
 
 def with_coefficients(c: Candidate, coefficients: Array) -> EffectSpec:

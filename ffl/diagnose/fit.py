@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ffl.diagnose.doubt import Doubt
 
 WORST = 1e30
+LONG = 0.5  # of the longest calm stretch: noise is read from those at least as long
+CALM = 0.2  # of all samples that these must hold
 LEAST_DAMPING = 1e-10
 STALE = 4  # rank-one updates on which small steps are no longer believed to be all there is
 SLOW = 0.3  # of the sum of squares: a small step
@@ -63,7 +65,10 @@ class Scene:
 
     @cached_property
     def log_scale(self) -> float:
-        return sum(w.log_scale(len(t)) for w, t in zip(self.whiteners, self.trials, strict=True))
+        unrest = sum(float(np.log(t.unrest).sum()) for t in self.trials if t.unrest is not None)
+        return unrest + sum(
+            w.log_scale(len(t)) for w, t in zip(self.whiteners, self.trials, strict=True)
+        )
 
     @property
     def samples(self) -> int:
@@ -97,7 +102,8 @@ class Scene:
         return float(white @ white)
 
     def whiten(self, residuals: Sequence[Array]) -> Array:
-        return np.concatenate([w(e) for w, e in zip(self.whiteners, residuals, strict=True)])
+        entries = zip(self.trials, self.whiteners, residuals, strict=True)
+        return np.concatenate([trial.weighed(whitener(e)) for trial, whitener, e in entries])
 
     def judge(self, residuals: Sequence[Array], known: Array | None = None) -> Array:
         """Whitened residuals of recordings that judge, corrections granted what is open of them."""
@@ -122,7 +128,7 @@ class Scene:
             )
         noise = fit_noise(
             self.loop,
-            residuals,
+            self._calm(residuals),
             self.noise,
             floor=self.floor,
             coloured=coloured,
@@ -133,6 +139,23 @@ class Scene:
             sensor, force = self.loudest.sensor, self.loudest.force
             noise = replace(noise, sensor=min(noise.sensor, sensor), force=min(noise.force, force))
         return replace(self, noise=noise)
+
+    def _calm(self, residuals: Sequence[Array]) -> list[Array]:
+        """The stretches of `residuals` in which the linear loop answers noise; where they are few, all,
+        turned down by as much as they are loud."""
+        if all(t.unrest is None for t in self.trials):
+            return list(residuals)
+        runs: list[Array] = []
+        for trial, e in zip(self.trials, residuals, strict=True):
+            loud = np.zeros(len(e), bool) if trial.unrest is None else trial.unrest > 1.0
+            edges = np.flatnonzero(np.diff(loud)) + 1
+            pieces = zip(np.split(e, edges), np.split(loud, edges), strict=True)
+            runs += [run for run, own in pieces if not own[0]]
+        longest = max(map(len, runs), default=0)
+        runs = [run for run in runs if len(run) >= LONG * longest]
+        if sum(map(len, runs)) > CALM * self.samples:
+            return runs
+        return [t.weighed(e) for t, e in zip(self.trials, residuals, strict=True)]
 
     def log_likelihood(self, white: Array) -> float:
         return self.worth * float(-0.5 * (white @ white) - self.log_scale)

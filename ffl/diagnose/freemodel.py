@@ -22,7 +22,6 @@ from ffl.systems.state_space import Array
 
 SENT = "sent"  # side of a map that sees the command as it was recorded
 REPEATS = 8  # most repetitions of a simulation: the map moves the machine, the motion moves the map
-FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
 RUNAWAY = 1e100  # of a trace in whitened y: the motion it belongs to has run away
 SETTLED = 1e-3  # change of y between two of them, relative to what the maps do to y
 SIZES = np.geomspace(1e-2, 1e7, 28)  # prior variances of a map's trace in whitened y
@@ -195,24 +194,15 @@ class FreeScreen(Screen):
     """A screen whose model's own numbers are believed to be near nominal (`Coordinate.doubt`), so that
     a map takes what they cannot and no more is laid to them than an engineer's error."""
 
+    believing = True
+
     def __init__(self, scene: Scene, model: Model) -> None:
         super().__init__(scene, fit(scene, model, rounds=0))
-        j = self.fit.jacobian
-        doubts = np.array([c.doubt for c in model.coordinates])
-        self.believed = np.isfinite(doubts)
-        size = np.maximum(np.linalg.norm(j, axis=0), 1e-150)
-        spread = np.where(self.believed, doubts / np.sqrt(1.5), FREE / size)
-        self.directions, strength, _ = np.linalg.svd(j * spread, full_matrices=False)
-        self._taken = 1.0 - 1.0 / np.sqrt(1.0 + strength**2)
-
-    def beyond(self, columns: Array) -> Array:
-        """(I + J C J')^(-1/2) columns, C the prior covariance of the model's own numbers."""
-        seen = self.directions.T @ columns
-        return columns - self.directions @ (self._taken * seen.T).T
 
     def from_nominal(self, model: Model) -> Array:
         """What the believed numbers of `model` do to the whitened y, (N,)."""
-        return self.fit.jacobian[:, self.believed] @ model.theta[self.believed]
+        own = np.isfinite([c.doubt for c in model.coordinates])
+        return self.fit.jacobian[:, own] @ model.theta[own]
 
 
 def _seen(motion: Motion, place: Place, trial: Trial) -> Motion:

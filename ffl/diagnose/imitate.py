@@ -22,6 +22,7 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 DRAWS = 4
+LEAD = 500  # samples at rest before a recording that begins there: noise has been at work for long
 TRUST = 1.5  # times the stated noise: what an engineer's figure may be short of
 
 
@@ -61,19 +62,21 @@ def imitated(
         )
 
     out = []
+    leads = [min(LEAD, len(t)) if t.at_rest else 0 for t in trials]
+    trials = [t.held_before(lead) for t, lead in zip(trials, leads, strict=True)]
     try:
         still = [run(t) for t in trials]
         for _ in range(draws):
             one = Imitation([], [])
-            for trial, calm in zip(trials, still, strict=True):
+            for trial, calm, lead in zip(trials, still, leads, strict=True):
                 n = len(trial)
                 force = drawn(noise.force, noise.force_coloured, noise.force_corner, step, n, rng)
                 sensor = drawn(
                     noise.sensor, noise.sensor_coloured, noise.sensor_corner, step, n, rng
                 )
                 loud = run(trial, force, sensor)
-                one.y.append(loud.y - calm.y)
-                one.u.append(loud.u - calm.u)
+                one.y.append((loud.y - calm.y)[lead:])
+                one.u.append((loud.u - calm.u)[lead:])
             out.append(one)
     except InputError:
         return []

@@ -10,6 +10,7 @@ import numpy as np
 
 from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.followed import SWINGS
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -21,7 +22,6 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
-SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 GLIMPSE = 8  # of so many samples one is simulated to see which starts are not worth the others
 LIMIT, LOWEST, LEVELS = "saturation", 0.05, 20  # shares of the largest command
 SLACK = 1e-9  # of a sum of squares: rounding

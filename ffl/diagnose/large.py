@@ -100,12 +100,6 @@ class PlainScene(Scene):
         return tuple(plain for _ in self.trials)
 
 
-class SimulatedScreen(Screen):
-    """By simulated places alone: periods have a scan of their own here (`simulated_scan`)."""
-
-    far_off = False
-
-
 def large_effects(
     model: Plant,
     recordings: Sequence[Recording],
@@ -225,7 +219,7 @@ class _Desk:
             self.tell(t, "  ")
         return finals
 
-    def screen(self, known: Plant) -> SimulatedScreen:
+    def screen(self, known: Plant) -> Screen:
         """First-order view of what `known` leaves, beside the freedom of its linear part."""
         base = Base.of(replace(known, effects=()), max(float(np.ptp(r.y)) for r in self.recordings))
         trials = tuple(prepare(base.simulator, r, 1e-9) for r in self.recordings)
@@ -233,7 +227,7 @@ class _Desk:
         scene = Scene(known.loop, trials, Noise(1.0, 1.0))
         left = max(np.sqrt(raw_error(scene, model) / scene.samples), 1e-300)
         plain = PlainScene(scene.loop, trials, scene.noise, left=float(left))
-        return SimulatedScreen(plain, fit(plain, model, rounds=0))
+        return Screen(plain, fit(plain, model, rounds=0))
 
     def places(self) -> list[Place]:
         base = Base.of(self.model, max(float(np.ptp(r.y)) for r in self.recordings))

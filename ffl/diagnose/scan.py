@@ -31,12 +31,9 @@ def adjoint(residual: Array, impulse: Array) -> Array:
     return scipy.fft.irfft(spectrum, n)[: len(residual)]
 
 
-def periods(
-    screen: Screen, effect: Effect, place: Place, recorded: bool = False
-) -> list[Mapping[str, float]]:
-    """Values of the scanned parameter worth an exact look, refined between grid points; `recorded`:
-    see `Screen.motions`."""
-    motions = screen.motions(place, recorded)
+def periods(screen: Screen, effect: Effect, place: Place) -> list[Mapping[str, float]]:
+    """Values of the scanned parameter worth an exact look, refined between grid points."""
+    motions = screen.motions(place)
     impulses = screen.impulses(place)
     lengths = [len(m.t) for m in motions]
     pieces = np.split(screen.residual, np.cumsum(lengths)[:-1])

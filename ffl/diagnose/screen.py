@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 import scipy.fft
 import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, spec_of
-from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.fit import Fit, Scene, jacobian
+from ffl.diagnose.followed import SWINGS, astray, followed
 from ffl.diagnose.linear import discrete
+from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import (
     Place,
@@ -52,7 +53,7 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "actuator_lag",
     "flexible_mode",
 )
-OFF = 0.01  # of the travel: a simulation further off counts periods elsewhere than the machine
+FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -72,29 +73,45 @@ INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no 
 
 
 class Screen:
-    """First-order contributions of effects to y, whitened, beyond what `fit` explains."""
+    """First-order contributions of effects to y, whitened, beyond what `fit` explains; along the motion
+    that its model makes, or that it makes in `along` (`followed.followed`): the machine's own."""
 
-    def __init__(self, scene: Scene, fit: Fit) -> None:
+    believing = False  # whether the model's own numbers pay for leaving their nominal values
+
+    def __init__(self, scene: Scene, fit: Fit, along: Scene | None = None) -> None:
         self.scene, self.fit, self.model = scene, fit, fit.model
+        self.along = along
         self.setting = self.model.simulator
         self._impulses: dict[Place, list[Array]] = {}
         self._spectra: dict[Place, list[tuple[int, Array]]] = {}
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
-        self.basis = orthonormal(fit.jacobian)
-        self.residual = fit.white - self.basis @ (self.basis.T @ fit.white)
+        columns, wanted = fit.jacobian, fit.white
+        if along is not None:
+            columns, wanted = self._led(along)
+        if along is not None or self.believing:
+            self.basis, self._taken = believed(columns, self.model)
+        else:
+            self.basis, self._taken = orthonormal(columns), np.ones(())
+        self.residual = self.beyond(wanted)
 
-    @cached_property
-    def far_off(self) -> bool:
-        """The simulation is so far from what was recorded that a period counts from elsewhere."""
-        left = self.scene.residuals(self.model)
-        if left is None:
-            return False
-        pairs = zip(left, self.scene.trials, strict=True)
-        return any(np.std(e) > OFF * np.ptp(t.y) for e, t in pairs)
+    def _led(self, along: Scene) -> tuple[Array, Array]:
+        """(what the model's own numbers change in the whitened y along the motion, (N, p); what the
+        linear loop answers to the force that leads there, and what that leaves)."""
+        left = along.residuals(self.model)
+        assert left is not None  # followed to its end before
+        forces = [
+            led.load - (0.0 if own.load is None else own.load)
+            for led, own in zip(along.trials, self.scene.trials, strict=True)
+        ]
+        answered = self.through(Place("command"), [f[:, None] for f in forces])[:, 0]
+        columns = self.scene.whiten_stacked(jacobian(along, self.model, left))
+        return columns, answered + self.scene.whiten(left)
 
     def beyond(self, columns: Array) -> Array:
-        """`columns`, (N,) or (N, k), beyond what the model's own freedom explains."""
-        return columns - self.basis @ (self.basis.T @ columns)
+        """`columns`, (N,) or (N, k), beyond what the model's own freedom explains:
+        (I + J C J')^(-1/2) columns, C the prior covariance of its numbers (infinite, unless believed)."""
+        seen = self.basis.T @ columns
+        return columns - self.basis @ (self._taken * seen.T).T
 
     # --- filters ---------------------------------------------------------------------------------
 
@@ -142,7 +159,7 @@ class Screen:
         ):
             x = x - x[0] if settled and trial.at_rest else x
             spectrum = scipy.fft.rfft(x.T, n) * response
-            out.append(scipy.fft.irfft(spectrum, n)[:, : len(x)].T)
+            out.append(trial.weighed(scipy.fft.irfft(spectrum, n)[:, : len(x)].T))
         return np.concatenate(out)
 
     def _responses(self, place: Place) -> list[tuple[int, Array]]:
@@ -157,33 +174,33 @@ class Screen:
 
     # --- motion ----------------------------------------------------------------------------------
 
-    def motions(self, place: Place, recorded: bool = False) -> list[Motion]:
-        """Simulated motion at the place; forces are held over a sample, so theirs is mid-sample.
-        `recorded`: in places where y was and not the simulation, since a period counts from there."""
+    def motions(self, place: Place) -> list[Motion]:
+        """Motion at the place; forces are held over a sample, so theirs is mid-sample."""
         side = place.side if place.port in ("force", "flow") else "sensor"
-        key = (f"{place.port == 'force'}{recorded}{side}", place.mass_ratio)
+        key = (f"{place.port == 'force'}{side}", place.mass_ratio)
         if key not in self._motions:
-            trials = self.scene.trials
-            self._motions[key] = [self._motion(trial, place, recorded) for trial in trials]
+            trials = (self.along or self.scene).trials
+            self._motions[key] = [self._motion(trial, place) for trial in trials]
         return self._motions[key]
 
-    def _motion(self, trial: Trial, place: Place, recorded: bool) -> Motion:
+    def _motion(self, trial: Trial, place: Place) -> Motion:
         key = (place.side if place.port in ("force", "flow") else "sensor", place.mass_ratio)
         run = self.model.simulate(trial, watch=[key])
         motion = run.motion(*key)
+        if self.along is not None and np.all(np.isfinite(trial.u)):
+            motion = replace(motion, u=trial.u)
         if place.port == "output" and self.model.simulator.mechanics.place is not None:
             return replace(motion, x=run.y)  # a sensor of speed acts on the speed
         if place.port != "force":
             return motion
-        x = motion.x + (trial.y - run.y) if recorded else motion.x
-        return replace(motion, x=_middle(x), v=_middle(motion.v), a=_middle(motion.a))
+        return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))
 
     # --- judging ---------------------------------------------------------------------------------
 
     def gain(self, columns: Array, positive: bool = False) -> tuple[float, Array]:
         """(what the columns take off the residual's sum of squares, their coefficients; `positive`:
         none of them negative)."""
-        beyond = columns - self.basis @ (self.basis.T @ columns)
+        beyond = self.beyond(columns)
         size = lengths(beyond)
         floor = NORM_FLOOR * np.maximum(lengths(columns), 1e-300)
         if np.any(size <= floor):
@@ -211,28 +228,14 @@ class Screen:
             with suppress(InputError):  # simulated once, before threads ask for it
                 self.motions(place)
 
-        def best(entry: tuple[Effect, Place]) -> list[Candidate]:
+        def best(entry: tuple[Effect, Place]) -> Candidate | None:
             try:
-                return self._best_starts(*entry)
+                return self.best(*entry)
             except InputError:
-                return []
+                return None
 
-        out = [found for several in each(best, entries) for found in several]
+        out = [found for found in each(best, entries) if found is not None]
         return sorted(out, key=lambda c: -c.gain)
-
-    def _best_starts(self, effect: Effect, place: Place) -> list[Candidate]:
-        """The best of the effect at this place; of one that repeats along the stroke, where the
-        simulation is far off, also by the places where y was. What y shows beside the simulation is
-        then in the regressor itself, so that its gain counts for no more than the other's."""
-        found = self.best(effect, place)
-        if found is None:
-            return []
-        if effect.scan != "position" or place.port != "force" or not self.far_off:
-            return [found]
-        other = self.best(effect, place, recorded=True)
-        if other is None:
-            return [found]
-        return [found, replace(other, gain=min(other.gain, found.gain))]
 
     def places(self, effect: Effect) -> list[Place]:
         if effect.port == "flow":
@@ -259,18 +262,18 @@ class Screen:
             kept = distinct_forces(self.model, kept)
         return kept or [Place("force", effect.default_side)]
 
-    def best(self, effect: Effect, place: Place, recorded: bool = False) -> Candidate | None:
-        """The best of the effect's grid at this place; `recorded`: see `motions`."""
+    def best(self, effect: Effect, place: Place) -> Candidate | None:
+        """The best of the effect's grid at this place."""
         from ffl.diagnose.scan import periods
 
-        motions = self.motions(place, recorded)
+        motions = self.motions(place)
         if effect.scan:
-            grid: Sequence[Mapping[str, float]] = periods(self, effect, place, recorded)
+            grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
         else:
             grid = effect.grid(_joined(motions))
         best: Candidate | None = None
         for nonlinear in grid:
-            columns = self._table(effect, place, nonlinear, recorded)
+            columns = self._table(effect, place, nonlinear)
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             worth = gain - PER_COLUMN * columns.shape[1]
             if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
@@ -281,17 +284,15 @@ class Screen:
                 continue
             spec = spec_of(effect, place, coefficients, nonlinear)
             freedom = columns.shape[1]
-            best = Candidate(spec, gain, freedom, place, self.fit, nonlinear, recorded)
+            best = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
         return best
 
     def table_of(self, c: Candidate) -> Array:
         """The candidate's columns, (N, freedom), in whitened y."""
-        return self._table(EFFECTS[c.spec.name], c.place, c.nonlinear, c.recorded)
+        return self._table(EFFECTS[c.spec.name], c.place, c.nonlinear)
 
-    def _table(
-        self, effect: Effect, place: Place, nonlinear: Mapping[str, float], recorded: bool
-    ) -> Array:
-        motions = self.motions(place, recorded)
+    def _table(self, effect: Effect, place: Place, nonlinear: Mapping[str, float]) -> Array:
+        motions = self.motions(place)
         if place.port == "flow":
             columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
         else:
@@ -320,6 +321,14 @@ class Screen:
         return columns
 
 
+def as_measured(scene: Scene, fit: Fit) -> Screen | None:
+    """The view beside `fit` along the motion that was measured; None where its own is much the same."""
+    if fit.cost < SWINGS * len(fit.white) or not astray(scene, fit.model):
+        return None
+    along = followed(scene, fit.model)
+    return None if along is None else Screen(scene, fit, along)
+
+
 def _apart(columns: Array, lengths: Sequence[int]) -> Array:
     """Columns of their own for every recording."""
     out = np.zeros((len(columns), columns.shape[1] * len(lengths)))
@@ -345,6 +354,16 @@ def _middle(x: Array) -> Array:
 
 def nothing(sample_time: float) -> StateSpace:
     return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)
+
+
+def believed(j: Array, model: Model) -> tuple[Array, Array]:
+    """Principal directions (N, p) of what the numbers of `model` may do to the whitened y as far as they
+    are believed (`Coordinate.doubt`), from its Jacobian `j`; the share of each that they take off."""
+    doubts = np.array([c.doubt for c in model.coordinates])
+    size = np.maximum(np.linalg.norm(j, axis=0), 1e-150)
+    spread = np.where(np.isfinite(doubts), doubts / np.sqrt(1.5), FREE / size)
+    directions, strength, _ = np.linalg.svd(j * spread, full_matrices=False)
+    return directions, 1.0 - 1.0 / np.sqrt(1.0 + strength**2)
 
 
 def orthonormal(columns: Array) -> Array:

@@ -21,6 +21,7 @@ from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
 from ffl.diagnose.duets import duet
 from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.followed import SWINGS
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
 from ffl.diagnose.harmonics import with_harmonics
@@ -38,17 +39,18 @@ from ffl.diagnose.judging import (
     raw_error,
     raw_residuals,
 )
-from ffl.diagnose.ladders import SWINGS, overlooked
+from ffl.diagnose.ladders import overlooked
 from ffl.diagnose.line import crosses, on_the_line
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import points_of
 from ffl.diagnose.rounds import Outcome, Step
-from ffl.diagnose.screen import Screen, orthonormal
+from ffl.diagnose.screen import Screen, as_measured, orthonormal
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts
+from ffl.diagnose.unrest import unrest_of, with_unrest
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
@@ -141,9 +143,11 @@ def _climb(
         quiet = scene.with_noise_of(
             raw_residuals(scene, standing.model), coloured=False, quantile=QUIET
         )
-        scene, quiet = with_starts(scene, standing.model), with_starts(quiet, standing.model)
+        quiet = with_unrest(with_starts(quiet, standing.model), standing.model)
+        scene = replace(scene, trials=quiet.trials)
         if held is not None:
             held = with_starts(replace(held, noise=quiet.noise), standing.model)
+            held = unrest_of(held, standing.model)
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
         base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
@@ -307,10 +311,12 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
 
 def screens(quiet: Scene, base: Judged) -> list[Screen]:
     """Views of what `base` leaves: from where its corrections stand and, where these have gone
-    far to stand in for an effect, from nominal ones as well."""
+    far to stand in for an effect, from nominal ones as well; where the machine went another way, along
+    that too."""
     out = [Screen(quiet, base.fit)]
     if base.fit.surprise > FAR:
         kept = {k: v for k, v in base.model.corrections.items() if k in base.model.held}
         nominal = replace(base.model, corrections=kept)
         out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
-    return out
+    along = as_measured(quiet, out[-1].fit)
+    return out if along is None else [*out, along]

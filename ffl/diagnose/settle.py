@@ -16,7 +16,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import POINT
 from ffl.diagnose.rounds import Step
-from ffl.diagnose.screen import Screen
+from ffl.diagnose.screen import Screen, as_measured
 from ffl.effects import EFFECTS
 
 KEEP = 20.0  # score an effect must be worth beside all others
@@ -212,7 +212,9 @@ def challengers(
         wanted = [n for n in wanted if n in only]
         if not wanted:
             return []
-    found = Screen(quiet, fit(quiet, company, rounds=0)).candidates([*wanted, spec.name])
+    beside = fit(quiet, company, rounds=0)
+    screen = as_measured(quiet, beside) or Screen(quiet, beside)
+    found = screen.candidates([*wanted, spec.name])
     found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
     side = spec.options.get("side", "sensor")
     top = max((c.gain for c in found), default=0.0)

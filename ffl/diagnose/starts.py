@@ -68,7 +68,11 @@ def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     costs = []
     for one in (trial, moving):
         run = model.simulate(one.head(head.stop))
-        costs.append(np.inf if run.diverged else float(np.sum(whitener(one.y[head] - run.y) ** 2)))
+        costs.append(
+            np.inf
+            if run.diverged
+            else float(np.sum(one.weighed(whitener(one.y[head] - run.y)) ** 2))
+        )
     return moving if costs[1] < costs[0] - ADRIFT * model.base.simulator.n_plant else trial
 
 
@@ -86,7 +90,9 @@ def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
 
     def cost(start: tuple[bool, float]) -> float:
         run = model.simulate(replace(head, loaded=start[0], travel=start[1]))
-        return np.inf if run.diverged else float(np.sum(whitener(head.y - run.y) ** 2))
+        return (
+            np.inf if run.diverged else float(np.sum(head.weighed(whitener(head.y - run.y)) ** 2))
+        )
 
     as_is = (trial.loaded, trial.travel)
     both = (False, True) if winds(model.base.simulator, model.acting) else (trial.loaded,)
@@ -136,8 +142,8 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
         if other.diverged:
             return whole, 0.0
         columns.append((other.y - run.y) / 0.1)
-    j = sure(np.column_stack(columns))
-    e = sure(trial.y - run.y)
+    j = trial.weighed(sure(np.column_stack(columns)))
+    e = trial.weighed(sure(trial.y - run.y))
     for prior in PRIORS:
         stacked = np.vstack([j, prior * np.eye(size)])
         step = np.linalg.lstsq(stacked, np.append(e, np.zeros(size)), rcond=None)[0]
@@ -145,7 +151,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
         after = model.simulate(moved(trial, step))
         if after.diverged:
             continue
-        gained = float(e @ e) - float(np.sum(sure(trial.y - after.y) ** 2))
+        gained = float(e @ e) - float(np.sum(trial.weighed(sure(trial.y - after.y)) ** 2))
         if gained > 0:
             return moved(whole, step), gained
     return whole, 0.0
@@ -187,7 +193,7 @@ def _in_phase(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
         sine = model.simulate(trial).y - plain
         quarter = replace(trial, start_time=trial.start_time + 0.25 * period)
         cosine = model.simulate(quarter).y - plain
-        table = whitener(np.column_stack([sine, cosine, trial.y - plain]))
+        table = trial.weighed(whitener(np.column_stack([sine, cosine, trial.y - plain])))
         if np.all(np.isfinite(table)):
             a, b = np.linalg.lstsq(table[:, :2], table[:, 2], rcond=None)[0]
             turn = np.arctan2(b, a) / (2 * np.pi)
@@ -207,7 +213,7 @@ def _warmed(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
     for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
         late = model.simulate(replace(trial, start_time=SETTLED * settling)).y
         early = model.simulate(replace(trial, start_time=0.0)).y
-        table = whitener(np.column_stack([early - late, trial.y - late]))
+        table = trial.weighed(whitener(np.column_stack([early - late, trial.y - late])))
         if np.all(np.isfinite(table)):
             left = float(table[:, 0] @ table[:, 1]) / max(float(table[:, 0] @ table[:, 0]), 1e-300)
             left = min(max(left, np.exp(-SETTLED)), 1.0)

@@ -48,6 +48,7 @@ class Trial:
     travel: float = 0.0  # in one direction until the first sample, as near as it is known
     loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
     adrift: tuple[Array, Array] | None = None  # start and doubt, were it not at rest after all
+    unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
 
     def __len__(self) -> int:
         return len(self.y)
@@ -71,7 +72,29 @@ class Trial:
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
         parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}
-        return replace(self, **parts, load=None if self.load is None else self.load[:rows])
+        for name in ("load", "unrest"):
+            whole = getattr(self, name)
+            parts[name] = None if whole is None else whole[:rows]
+        return replace(self, **parts)
+
+    def weighed(self, white: Array) -> Array:
+        """`white`, (n,) or (n, k), the whitened first n samples, by what each counts for."""
+        if self.unrest is None:
+            return white
+        rows = self.unrest[: len(white)]
+        return white / (rows if white.ndim == 1 else rows[:, None])
+
+    def held_before(self, rows: int) -> Trial:
+        """The recording with `rows` samples before it in which nothing changes yet."""
+
+        def longer(x: Array | None) -> Array | None:
+            return None if x is None else np.concatenate([np.full(rows, x[0]), x])
+
+        parts = {
+            k: longer(getattr(self, k)) for k in ("reference", "feedforward", "load", "y", "u")
+        }
+        begun = self.start_time - rows * self.sample_time
+        return replace(self, **parts, start_time=begun, unrest=None)
 
     @property
     def t(self) -> Array:

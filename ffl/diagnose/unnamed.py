@@ -27,6 +27,7 @@ from ffl.diagnose.freemodel import (
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import LOST, OPEN, UNTOLD
 from ffl.diagnose.model import Model
+from ffl.diagnose.unrest import without_unrest
 from ffl.effects import Motion
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -81,9 +82,10 @@ def compare(
         return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
     if held is not None and held.trials:
         held = judged_by(held, found)
-    lost = dropouts(scene, held, nominal)
+    calm, calm_held = without_unrest(scene), None if held is None else without_unrest(held)
+    lost = dropouts(calm, calm_held, nominal)
     if lost is not None:
-        gains = lost.gains(scene, held, standing)
+        gains = lost.gains(calm, calm_held, standing)
         if gains[0] > MARGIN and gains[1] > (MARGIN if lost.confirmed else -MARGIN):
             return Contest("unnamed", None, None, *gains, None, ("command", "time"), lost=lost)
     stated = None
@@ -100,7 +102,7 @@ def compare(
             more = imitated(standing.plant(), scene.trials, scene.noise, rng, MANY)
             bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
-    calm = loud < QUIET_ENOUGH and not bursts.found
+    at_ease = loud < QUIET_ENOUGH and not bursts.found
     maps = free_form(scene, held, nominal if named else standing)
     alone = maps[-1] if maps and maps[-1].parts else None
     gains = _gains(scene, held, standing, alone) if alone else (0.0, 0.0)
@@ -121,7 +123,7 @@ def compare(
         # Held-out recordings that show little of it may lose a little on a map, which is never
         # quite still where there is nothing.
         winning = _cost(scene, standing, alone) > FAR * alone.cost
-    if calm and not winning:
+    if at_ease and not winning:
         return Contest("named", alone, None, *gains, bursts)
     only = [p.term.name for p in alone.parts] if alone and winning else []
     maps = free_form(scene, held, standing, names=only)

@@ -26,18 +26,18 @@ def views(scene, model):
 def test_first_orders_find_the_pair(stage, record, scenes):
     scene, _, model = scenes(record(replace(stage, effects=(FRICTION, DRIFT))))
     screen, seen = views(scene, model)
-    left, like, both = duets.pairs(screen, seen)[0]
-    assert {"drift"} < {spec.name for spec in both}
-    (friction,) = {spec.name for spec in both} - {"drift"}
+    pair = duets.pairs(screen, seen)[0]
+    assert {"drift"} < {spec.name for spec in pair.specs}
+    (friction,) = {spec.name for spec in pair.specs} - {"drift"}
     assert friction in duets.DRY
-    assert like in seen
-    assert left < 0.2 * float(screen.residual @ screen.residual)
+    assert pair.like is screen.fit
+    assert pair.left < 0.2 * float(screen.residual @ screen.residual)
 
 
 def test_one_effect_makes_no_pair(stage, record, scenes):
     scene, _, model = scenes(record(replace(stage, effects=(FRICTION,))))
     screen, seen = views(scene, model)
-    assert not [p for p in duets.pairs(screen, seen) if {s.name for s in p[2]} <= duets.DRY]
+    assert not [p for p in duets.pairs(screen, seen) if {s.name for s in p.specs} <= duets.DRY]
 
 
 def test_both_come_in_at_once(stage, record, scenes):

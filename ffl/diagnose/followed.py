@@ -1,0 +1,92 @@
+"""The machine as it went: the model under the force that takes it where it was measured.
+
+A regressor of an effect is a signal along the motion. Along the motion that a wrong model makes it is
+wrong as well: a limit that the simulated command never reaches has none, two strong effects hide one
+another. Far from what was measured the motion is therefore also taken from the recording itself: a
+force beside the command, found by Wiener's two-sided filter, leads the simulation, every point of the
+machine with it, to y. It follows noise too (FINDINGS, Diagnosis 3), so that what is seen along it
+starts a fit and decides nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.model import Model
+from ffl.diagnose.noise import Paths
+from ffl.diagnose.trials import Trial
+from ffl.errors import InputError
+from ffl.systems.state_space import Array
+
+SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
+OFF = 0.01  # of the travel: a simulation further off is elsewhere than the machine
+OTHERWISE = 0.1  # of the power of the command: one that differs by more is another one
+STEPS = 4  # times the force is corrected: beside effects the loop answers it as no linear one does
+NEAR = 0.1  # of the sum of squares: what a force that is worth anything leaves
+DONE = 0.5  # of what the last step left: a smaller gain ends it
+
+
+def astray(scene: Scene, model: Model) -> bool:
+    """Whether `model` moves, or commands, otherwise than the machine did."""
+    for trial in scene.trials:
+        try:
+            run = model.simulate(trial)
+        except InputError:
+            return False
+        if run.diverged:
+            return False
+        if np.std(trial.y - run.y) > OFF * np.ptp(trial.y):
+            return True
+        if np.all(np.isfinite(trial.u)):
+            power = float(np.sum((trial.u - run.u) ** 2))
+            if power > OTHERWISE * float(np.sum(trial.u**2)):
+                return True
+    return False
+
+
+def followed(scene: Scene, model: Model) -> Scene | None:
+    """`scene` with a load in every recording that takes `model` to its y, None where none does."""
+    trials = []
+    for trial in scene.trials:
+        led = _led(scene, model, trial)
+        if led is None:
+            return None
+        trials.append(led)
+    return replace(scene, trials=tuple(trials))
+
+
+def _led(scene: Scene, model: Model, trial: Trial) -> Trial | None:
+    """The trial under the force that leaves least of its y."""
+    left = _left(model, trial)
+    if left is None:
+        return None
+    n = 2 * len(trial)
+    f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)
+    path = scene.loop.process_sensitivity.response(f)
+    path = path.reshape(len(f), -1)[:, 0]
+    noise = scene.noise.density(Paths.of(scene.loop, f))
+    command = trial.u if np.all(np.isfinite(trial.u)) else trial.feedforward
+    size, whole = float(np.mean(command**2)), float(left @ left)
+    best, least, force = trial, whole, np.zeros(len(trial))
+    for _ in range(STEPS):
+        expected = max(size, 1e-300)
+        spectrum = np.conj(path) * np.fft.rfft(left, n) / (np.abs(path) ** 2 + noise / expected)
+        force = force + np.fft.irfft(spectrum, n)[: len(trial)]
+        size = float(np.mean(force**2))
+        led = replace(trial, load=force if trial.load is None else trial.load + force)
+        left = _left(model, led)
+        if left is None or float(left @ left) > DONE * least:
+            break
+        best, least = led, float(left @ left)
+    return best if least < NEAR * whole else None
+
+
+def _left(model: Model, trial: Trial) -> Array | None:
+    try:
+        run = model.simulate(trial)
+    except InputError:
+        return None
+    return None if run.diverged else trial.y - run.y

@@ -1,0 +1,75 @@
+"""Where the machine answers noise louder than a linear loop would.
+
+The filter that whitens a residual knows the linear loop. A machine that sticks is another one while it
+does: a motor whose load is held by friction rings on the shaft under noise that hardly moves it when
+both run, and a play is shaken through and through. Such stretches are noise, predicted by running the
+machine as it is named with noise drawn (`imitate`), and count for as little as they are loud:
+    w_t = v_t / sqrt(max(1, p_t)),  p_t the power of v, the whitened answer to noise, around t,
+a standard deviation over draws above their mean: a ring holds few independent samples.
+On two masses whose load sticks p is 176 at standstill and 0.4 in motion; unweighted, friction tables
+and contacts that yield are fitted to the ring.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.ndimage
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.imitate import imitated
+from ffl.diagnose.judging import QUIET, raw_residuals
+from ffl.diagnose.model import Model
+from ffl.systems.state_space import Array
+
+DRAWS = 8
+WINDOW = 64  # samples over which power is averaged
+CLEAR = 2.5  # power from which it is more than chance and a filter that is a little wrong
+PASSES = 2  # noise read from what is left of the calm stretches, and again
+
+
+def with_unrest(scene: Scene, model: Model) -> Scene:
+    """`scene`, recordings that are fitted, with what every sample counts for under `model`; noise is read
+    anew from the calm stretches."""
+    if scene.plain or scene.observed:
+        return scene
+    scene = without_unrest(scene)
+    if not model.effects:
+        return scene
+    for _ in range(PASSES):
+        scene = unrest_of(scene, model)
+        scene = scene.with_noise_of(raw_residuals(scene, model), coloured=False, quantile=QUIET)
+    return scene
+
+
+def unrest_of(scene: Scene, model: Model) -> Scene:
+    """The same with the noise that `scene` has."""
+    if scene.plain or scene.observed or not model.effects:
+        return without_unrest(scene)
+    calm = without_unrest(scene)
+    alike = imitated(model.plant(), calm.trials, calm.noise, np.random.default_rng(0), DRAWS)
+    if not alike:
+        return calm
+    power = np.array([calm.whiten(one.y) ** 2 for one in alike])
+    cuts = np.cumsum([len(t) for t in calm.trials])[:-1]
+    trials = [
+        replace(trial, unrest=_loudness(own))
+        for trial, own in zip(calm.trials, np.split(power, cuts, axis=1), strict=True)
+    ]
+    return replace(calm, trials=tuple(trials))
+
+
+def without_unrest(scene: Scene) -> Scene:
+    """Every sample counts for the same."""
+    if all(t.unrest is None for t in scene.trials):
+        return scene
+    return replace(scene, trials=tuple(replace(t, unrest=None) for t in scene.trials))
+
+
+def _loudness(power: Array) -> Array | None:
+    """sqrt(max(1, p)), or None where nothing is loud."""
+    around = scipy.ndimage.uniform_filter1d(power, WINDOW, axis=1, mode="nearest")
+    smooth = around.mean(axis=0) + around.std(axis=0)
+    loud = np.where(smooth > CLEAR, smooth, 1.0)
+    return np.sqrt(loud) if np.any(loud > 1.0) and np.all(np.isfinite(loud)) else None

@@ -1,0 +1,75 @@
+"""The machine as it went, where its model would have gone another way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import duets
+from ffl.diagnose.fit import fit
+from ffl.diagnose.followed import NEAR, astray, followed
+from ffl.diagnose.screen import Screen, as_measured
+from ffl.systems.plant import EffectSpec
+
+LIMIT = EffectSpec("saturation", {"limit": 1.5})
+LOAD = EffectSpec("constant_load", {"force": 5.0})
+FRICTION = EffectSpec("coulomb_friction", {"level": 6.0})
+
+
+@pytest.fixture(scope="module")
+def limited(stage, record, scenes):
+    """A machine whose command never gets through: with 1.5 A it swings where its model does not."""
+    return scenes(record(replace(stage, effects=(LIMIT, LOAD))))
+
+
+def limit_and_load(along):
+    """The pair, tuned; a spring about a far centre holds the load too, and one number more."""
+    found = [
+        pair
+        for pair in duets.pairs(along, along.candidates())[:4]
+        if {spec.name for spec in pair.specs} == {"saturation", "constant_load"}
+    ]
+    return duets.tuned(found[0])
+
+
+def test_a_force_leads_the_model_to_where_it_was_measured(limited):
+    scene, _, model = limited
+    along = followed(scene, model)
+    assert astray(scene, model)
+    before, after = scene.residuals(model), along.residuals(model)
+    assert np.sum(after[0] ** 2) < NEAR * np.sum(before[0] ** 2)
+    assert not astray(along, model)
+
+
+def test_on_its_way_there_is_nothing_to_follow(stage, record, scenes):
+    scene, _, model = scenes(record(stage))
+    assert not astray(scene, model)
+    assert as_measured(scene, fit(scene, model, rounds=0)) is None
+
+
+def test_along_it_first_order_tells_the_pair(limited):
+    scene, _, model = limited
+    own = Screen(scene, fit(scene, model, rounds=0))
+    along = as_measured(scene, own.fit)
+    best = limit_and_load(along)
+    limit, load = sorted(best.specs, key=lambda s: s.name != "saturation")
+    assert limit.parameters["limit"] == pytest.approx(1.5, rel=0.01)
+    assert load.parameters["force"] == pytest.approx(5.0, rel=0.01)
+    assert best.left < 3.0 * scene.samples
+
+
+def test_beside_an_effect_that_stands(stage, record, scenes):
+    scene, _, model = scenes(record(replace(stage, effects=(FRICTION, LIMIT, LOAD))))
+    standing = model.with_effect(FRICTION)
+    along = as_measured(scene, fit(scene, standing, rounds=0))
+    best = limit_and_load(along)
+    assert best.left < 0.05 * float(along.residual @ along.residual)
+
+
+def test_a_model_that_runs_away_is_not_followed(stage, record, scenes):
+    scene, _, model = scenes(record(stage))
+    wild = model.with_effect(EffectSpec("viscous_friction", {"coefficient": 1e9}))
+    broken = wild.with_effect(EffectSpec("linear_stiffness", {"stiffness": -1e12, "centre": 0.0}))
+    assert followed(scene, broken) is None
