@@ -168,8 +168,21 @@ def _netted(held: Scene | None, judged: Judged) -> Judged:
         amount = float(model.effects[index].parameters[key]) / value
         net = replace(model.without(index), corrections={**model.corrections, name: own + amount})
         if not _claims(name, sizes(judged.scene, net)[name]):
-            judged = judge(judged.scene, held, net, 8)
+            judged = _without_spring(held, judged, net, model.effects[index])
     return judged
+
+
+def _without_spring(held: Scene | None, judged: Judged, net: Model, gone: EffectSpec) -> Judged:
+    """`net`, from which an effect has `gone`; of a spring its centre's pull stays as a load, if that is
+    worth its number."""
+    force = float(gone.parameters.get("stiffness", 0.0)) * float(gone.parameters.get("centre", 0.0))
+    if not force or "constant_load" in net.names:
+        return judge(judged.scene, held, net, 8)
+    spec = EffectSpec("constant_load", {"force": force}, dict(gone.options))
+    loaded = judge(judged.scene, held, net.with_effect(spec), 8)
+    bare = judge(judged.scene, held, net, 8)
+    loaded, bare = levelled([loaded, bare])
+    return loaded if loaded.score > bare.score + KEEP else bare
 
 
 def _pruned(held: Scene | None, judged: Judged) -> Judged:

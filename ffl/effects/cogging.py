@@ -70,7 +70,12 @@ class Cogging(Effect):
         Parameter("phase", "rad", lower=-np.inf, default=0.0),
     )
     depends_on = ("position",)
-    siblings = ("encoder_ripple", "position_dependent_friction", "periodic_disturbance")
+    siblings = (
+        "encoder_ripple",
+        "position_dependent_friction",
+        "periodic_disturbance",
+        "hardening_spring",
+    )
     scan = "position"
     law = staticmethod(_law)
 
