@@ -7,6 +7,7 @@ judged by what they take off the residual beyond the linear model's own freedom.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -85,14 +86,15 @@ class Screen:
         self._impulses: dict[Place, list[Array]] = {}
         self._spectra: dict[Place, list[tuple[int, Array]]] = {}
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
-        columns, wanted = fit.jacobian, fit.white
+        self._others: Array | None = None
+        columns, self._wanted = fit.jacobian, fit.white
         if along is not None:
-            columns, wanted = self._led(along)
+            columns, self._wanted = self._led(along)
         if along is not None or self.believing:
             self.basis, self._taken = believed(columns, self.model)
         else:
             self.basis, self._taken = orthonormal(columns), np.ones(())
-        self.residual = self.beyond(wanted)
+        self.residual = self.beyond(self._wanted)
 
     def _led(self, along: Scene) -> tuple[Array, Array]:
         """(what the model's own numbers change in the whitened y along the motion, (N, p); what the
@@ -111,7 +113,15 @@ class Screen:
         """`columns`, (N,) or (N, k), beyond what the model's own freedom explains:
         (I + J C J')^(-1/2) columns, C the prior covariance of its numbers (infinite, unless believed)."""
         seen = self.basis.T @ columns
-        return columns - self.basis @ (self._taken * seen.T).T
+        out = columns - self.basis @ (self._taken * seen.T).T
+        return out if self._others is None else out - self._others @ (self._others.T @ out)
+
+    def beside(self, tables: Sequence[Array]) -> Screen:
+        """The view beyond what columns of other effects, (N, k) each, explain as well."""
+        other = copy.copy(self)
+        other._others = orthonormal(self.beyond(np.hstack(list(tables))))
+        other.residual = other.beyond(self._wanted)
+        return other
 
     # --- filters ---------------------------------------------------------------------------------
 

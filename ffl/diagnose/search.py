@@ -19,7 +19,6 @@ import numpy as np
 from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
-from ffl.diagnose.duets import duet
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.followed import SWINGS
 from ffl.diagnose.friction_table import refined
@@ -50,6 +49,7 @@ from ffl.diagnose.screen import Screen, as_measured, orthonormal
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts
+from ffl.diagnose.together import together
 from ffl.diagnose.unrest import unrest_of, with_unrest
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
@@ -137,7 +137,7 @@ def _climb(
     last_error = np.inf
     reserve = PLIABLE
     turned_down: set[str] = set()  # in the present company
-    again, together = False, True
+    again, at_once = False, True
     while True:
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(
@@ -170,7 +170,7 @@ def _climb(
             say(f"  turned down again: held-out error {times:.2f} times as large")
             came = steps[-1].joined
             turned_down |= set(came) if len(came) == 1 else set()
-            together = together and len(came) == 1
+            at_once = at_once and len(came) == 1
             steps[-1] = replace(steps[-1], accepted=None)
             standing, contenders, again = steps[-1].before, last_contenders, True
             scene = replace(scene, trials=standing.scene.trials)
@@ -226,10 +226,11 @@ def _climb(
             # What stands is no longer nominal: it claims an effect too, and must be the better one.
             worthy = _claimants(held, base, rivals, threshold)
         accepted = worthy[0] if worthy else None
-        if together and joined + 2 <= most:
+        room = most - joined
+        if at_once and room >= 2:
             single = accepted or (rivals[0] if rivals else None)
-            both = duet(quiet, held, base, views, single, threshold, say)
-            rivals, accepted = ([both, *rivals], both) if both else (rivals, accepted)
+            several = together(quiet, held, base, views, single, threshold, room, say)
+            rivals, accepted = ([several, *rivals], several) if several else (rivals, accepted)
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
             reserve, standing, last_error, again = frozenset(), base, np.inf, True

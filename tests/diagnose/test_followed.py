@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose import duets
 from ffl.diagnose.fit import fit
 from ffl.diagnose.followed import NEAR, astray, followed
 from ffl.diagnose.screen import Screen, as_measured
+from ffl.diagnose.together import sets
 from ffl.systems.plant import EffectSpec
 
 LIMIT = EffectSpec("saturation", {"limit": 1.5})
@@ -25,13 +25,11 @@ def limited(stage, record, scenes):
 
 
 def limit_and_load(along):
-    """The pair, tuned; a spring about a far centre holds the load too, and one number more."""
-    found = [
-        pair
-        for pair in duets.pairs(along, along.candidates())[:4]
-        if {spec.name for spec in pair.specs} == {"saturation", "constant_load"}
-    ]
-    return duets.tuned(found[0])
+    """The pair; a spring about a far centre holds the load too, and has one number more."""
+    wanted = {"saturation", "constant_load"}
+    return next(
+        s for s in sets(along, along.candidates()) if {spec.name for spec in s.specs} == wanted
+    )
 
 
 def test_a_force_leads_the_model_to_where_it_was_measured(limited):

@@ -1,4 +1,4 @@
-"""Two effects that hide one another."""
+"""Effects that hide one another."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose import duets
 from ffl.diagnose.candidate import with_coefficients
 from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import judge
 from ffl.diagnose.screen import Screen
+from ffl.diagnose.settle import DRY
+from ffl.diagnose.together import sets, together
 from ffl.systems.plant import EffectSpec
 
 FRICTION = EffectSpec("coulomb_friction", {"level": 6.0})
@@ -26,10 +27,10 @@ def views(scene, model):
 def test_first_orders_find_the_pair(stage, record, scenes):
     scene, _, model = scenes(record(replace(stage, effects=(FRICTION, DRIFT))))
     screen, seen = views(scene, model)
-    pair = duets.pairs(screen, seen)[0]
+    pair = sets(screen, seen)[0]
     assert {"drift"} < {spec.name for spec in pair.specs}
     (friction,) = {spec.name for spec in pair.specs} - {"drift"}
-    assert friction in duets.DRY
+    assert friction in DRY
     assert pair.like is screen.fit
     assert pair.left < 0.2 * float(screen.residual @ screen.residual)
 
@@ -37,7 +38,7 @@ def test_first_orders_find_the_pair(stage, record, scenes):
 def test_one_effect_makes_no_pair(stage, record, scenes):
     scene, _, model = scenes(record(replace(stage, effects=(FRICTION,))))
     screen, seen = views(scene, model)
-    assert not [p for p in duets.pairs(screen, seen) if {s.name for s in p.specs} <= duets.DRY]
+    assert not [p for p in sets(screen, seen) if {s.name for s in p.specs} <= DRY]
 
 
 def test_both_come_in_at_once(stage, record, scenes):
@@ -46,7 +47,7 @@ def test_both_come_in_at_once(stage, record, scenes):
     base = judge(scene, held, model)
     said: list[str] = []
     screen, seen = views(scene, model)
-    found = duets.duet(scene, held, base, [(screen, seen)], None, 20.0, said.append)
+    found = together(scene, held, base, [(screen, seen)], None, 20.0, 2, said.append)
     assert found is not None
     assert "drift" in found.model.names
     assert len(found.model.effects) == 2
@@ -56,7 +57,7 @@ def test_both_come_in_at_once(stage, record, scenes):
 def test_near_what_was_measured_one_comes_after_the_other(stage, record, scenes):
     scene, held, model = scenes(record(stage))
     base = judge(scene, held, model)
-    assert duets.duet(scene, held, base, [], None, 20.0, print) is None
+    assert together(scene, held, base, [], None, 20.0, 2, print) is None
 
 
 def test_a_candidate_keeps_what_its_columns_are(stage, record, scenes):

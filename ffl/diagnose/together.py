@@ -1,0 +1,228 @@
+"""Several effects at once: where each alone explains little and all of them explain nearly everything.
+
+Strong effects hide one another. The linear model's own numbers bend towards all of them, and the one
+effect that does best alone may be none of them. To first order, though, a set of effects is as easily
+judged as one: beside each of the best the whole catalogue is screened again, beyond what that one
+explains, and a set that leaves a small part of what any smaller one does has its shapes tuned to first
+order as well, and is fitted as a set, from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.optimize
+
+from ffl.diagnose.candidate import Candidate, with_coefficients
+from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.followed import SWINGS
+from ffl.diagnose.judging import Judged, earns, judge, levelled
+from ffl.diagnose.parallel import each
+from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen
+from ffl.diagnose.settle import DRY, KEEP
+from ffl.diagnose.starts import with_clocks, with_starts
+from ffl.diagnose.triangle import lengths, triangle
+from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
+
+FIRST = 4  # effects beside which all others are screened again, the best of the screen
+NEXT = 5  # of these that are looked at, for each
+LEFT = 0.85  # of what the best smaller set leaves: what one more effect may leave, to first order
+TUNED = 8  # pairs whose shapes are tuned
+GROWN = 2  # pairs beside which a third effect is looked for
+TRIED = 3  # sets that are fitted
+BEGUN = 8  # rounds by which it is seen how far a set gets
+STEPS = 12  # rounds of the best
+REACH = 1.5  # logarithm: how far a shape is moved from the grid's
+REPEATS = 0.03  # the same for what repeats, between the grid's lines
+RUNGS = np.linspace(-0.98, 0.98, 15)  # of the reach
+DIFFERENCE = 1e-3  # logarithm: step of a difference
+EVALUATIONS = 12
+
+
+@dataclass(frozen=True)
+class Together:
+    """Effects, `specs`, that to first order leave a sum of squares `left` beside `screen.fit`, numbers
+    charged, and the candidates they came from."""
+
+    screen: Screen
+    candidates: tuple[Candidate, ...]
+    specs: tuple[EffectSpec, ...]
+    left: float
+
+    @property
+    def like(self) -> Fit:
+        return self.screen.fit
+
+
+def together(
+    quiet: Scene,
+    held: Scene | None,
+    base: Judged,
+    screens: Sequence[tuple[Screen, Sequence[Candidate]]],
+    single: Judged | None,
+    threshold: float,
+    most: int,
+    say: Callable[[str], None],
+) -> Judged | None:
+    """`base` with the effects, `most` at most, that together explain what no `single` one does, or
+    None."""
+    if base.fit.cost < SWINGS * len(base.fit.white):
+        return None  # near what was measured one comes after the other
+    starts = [found for screen, seen in screens for found in sets(screen, seen, most)]
+
+    def begun(start: Together) -> tuple[Scene, Fit]:
+        model = start.like.model
+        for spec in start.specs:
+            model = model.with_effect(spec)
+        model = model.at(model.theta)  # within bounds
+        scene = with_starts(with_clocks(quiet, model, 1), model)
+        return scene, fit(scene, model, rounds=BEGUN)
+
+    tried = each(begun, _best(starts, TRIED))
+    if not tried:
+        return None
+    scene, first = min(tried, key=lambda entry: entry[1].cost)
+    judged = judge(scene, held, first.model, STEPS, first)
+    say(
+        f"  together {judged.name}: {judged.fitted - base.fitted:+.1f} fitted, "
+        f"{judged.held_out - base.held_out:+.1f} held out"
+    )
+    judged, base, *rest = levelled([judged, base, *([] if single is None else [single])])
+    if any(judged.score < other.score + KEEP for other in rest):
+        return None
+    return judged if earns(judged, base, threshold) else None
+
+
+def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Together]:
+    """Pairs, tuned, that leave much less than any single effect of those `seen`, and what some of them
+    are part of where a third leaves much less than they do; best first."""
+    allowed = {c.spec.name for c in seen}
+    alone = [_solved(screen, (c,)) for c in _best_of_each(seen)[:FIRST]]
+    alone = [one for one in alone if one is not None]
+    if not alone:
+        return []
+    least = min(one.left for one in alone)
+    pairs = [pair for one in alone for pair in grown(one, allowed)]
+    different = {
+        frozenset(spec.name for spec in p.specs): p for p in reversed(_best(pairs, len(pairs)))
+    }
+    tried = [p for p in _best(list(different.values()), TUNED) if p.left < least]
+    found = [p for p in _best(each(tuned, tried), TUNED) if p.left < LEFT * least]
+    if most < 3:
+        return found
+    return _best(
+        [larger or p for p, larger in zip(found, _larger(found, allowed), strict=True)], TUNED
+    )
+
+
+def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Together | None]:
+    """What each of the best pairs is part of, where a third effect leaves much less."""
+
+    def third(pair: Together) -> Together | None:
+        more = _best(grown(pair, allowed), 1)
+        best = tuned(more[0]) if more else None
+        return best if best is not None and best.left < LEFT * pair.left else None
+
+    chosen = each(third, pairs[:GROWN])
+    return [*chosen, *[None] * (len(pairs) - len(chosen))]
+
+
+def grown(start: Together, allowed: Collection[str]) -> list[Together]:
+    """`start` with each of the best effects beyond what it explains."""
+    names = {spec.name for spec in start.specs}
+    others = allowed - names - (DRY if names & DRY else set())  # two forms of one friction
+    beyond = start.screen.beside([start.screen.table_of(c) for c in start.candidates])
+    found = [
+        _solved(start.screen, (*start.candidates, c))
+        for c in _best_of_each(beyond.candidates(sorted(others)))[:NEXT]
+    ]
+    return [one for one in found if one is not None]
+
+
+def tuned(start: Together) -> Together:
+    """The same with the shapes of all, finer than any grid, that leave least to first order."""
+    shapes = [(k, name) for k, c in enumerate(start.candidates) for name in _shapes(c)]
+    if not shapes:
+        return start
+    centre = np.log([start.candidates[k].nonlinear[name] for k, name in shapes])
+    reach = [REPEATS if EFFECTS[start.candidates[k].spec.name].scan else REACH for k, _ in shapes]
+
+    def at(x: Array) -> tuple[Candidate, ...]:
+        values = [dict(c.nonlinear) for c in start.candidates]
+        for (k, name), number in zip(shapes, x, strict=True):
+            values[k][name] = float(np.exp(number))
+        pairs = zip(start.candidates, values, strict=True)
+        return tuple(replace(c, nonlinear=v) for c, v in pairs)
+
+    def left(x: Array) -> Array:
+        return _left(start.screen, at(x))[0]
+
+    best = centre.copy()
+    for k, far in enumerate(reach):  # not convex: number by number along a ladder, then downhill
+        rungs = [np.where(np.arange(len(best)) == k, centre + s, best) for s in RUNGS * far]
+        best = min(rungs, key=lambda x: float(np.sum(left(x) ** 2)))
+    found = scipy.optimize.least_squares(
+        left,
+        best,
+        bounds=(centre - reach, centre + reach),
+        diff_step=DIFFERENCE,
+        max_nfev=EVALUATIONS,
+    )
+    other = _solved(start.screen, at(found.x))
+    return other if other is not None and other.left < start.left else start
+
+
+def _best(listed: Sequence[Together], most: int) -> list[Together]:
+    return sorted(listed, key=lambda one: one.left)[:most]
+
+
+def _best_of_each(seen: Sequence[Candidate]) -> list[Candidate]:
+    """The best candidate by each name, of dry friction in any form one, best first."""
+    best: dict[str, Candidate] = {}
+    for c in sorted(seen, key=lambda c: -(c.gain - PER_COLUMN * c.freedom)):
+        best.setdefault("dry" if c.spec.name in DRY else c.spec.name, c)
+    return list(best.values())
+
+
+def _shapes(c: Candidate) -> list[str]:
+    """The positive numbers that shape the candidate's columns."""
+    own = {p.name for p in EFFECTS[c.spec.name].parameters if p.lower >= 0.0} | {"shape"}
+    return [n for n, v in c.nonlinear.items() if n in own and isinstance(v, float) and v > 0.0]
+
+
+def _solved(screen: Screen, candidates: tuple[Candidate, ...]) -> Together | None:
+    """The candidates together, with the coefficients that leave least; None where one of them is of the
+    wrong sign."""
+    left, coefficients = _left(screen, candidates)
+    specs = tuple(map(with_coefficients, candidates, coefficients))
+    for spec, own in zip(specs, coefficients, strict=True):
+        if (spec.name in POSITIVE and np.any(own < 0)) or _none(spec):
+            return None
+    charged = float(left @ left) + PER_COLUMN * sum(c.freedom for c in candidates)
+    return Together(screen, candidates, specs, charged)
+
+
+def _none(spec: EffectSpec) -> bool:
+    """A magnitude came out below nothing."""
+    amounts = [p.name for p in EFFECTS[spec.name].parameters if p.linear and p.lower == 0.0]
+    return any(spec.parameters.get(name) == 0.0 for name in amounts)
+
+
+def _left(screen: Screen, candidates: Sequence[Candidate]) -> tuple[Array, list[Array]]:
+    """(what they leave of the residual, coefficients of each); an amount fixed by nature is 1."""
+    tables = [screen.beyond(screen.table_of(c)) for c in candidates]
+    fixed = [EFFECTS[c.spec.name].fixed_amount for c in candidates]
+    left = screen.residual - sum(t[:, 0] for t, one in zip(tables, fixed, strict=True) if one)
+    free = [t for t, one in zip(tables, fixed, strict=True) if not one]
+    if not free:
+        return left, [np.ones(1) for _ in tables]
+    table = np.hstack(free)
+    size = np.maximum(lengths(table), 1e-300)
+    r, aim = triangle(table / size, left)
+    scaled = np.linalg.lstsq(r, aim, rcond=1e-7)[0] / size
+    own = iter(np.split(scaled, np.cumsum([t.shape[1] for t in free])[:-1]))
+    return left - table @ scaled, [np.ones(1) if one else next(own) for one in fixed]
