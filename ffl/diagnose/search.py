@@ -10,7 +10,7 @@ a second one is thought of, all siblings of the first have been fitted too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -188,49 +188,25 @@ def _climb(
         taken = excluded(base.model) | turned_down
         if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
             taken |= TIMED
-        screened = []
-        entrants: list[Candidate] = []
-        points = points_of(base.model)
-        views: list[tuple[Screen, list[Candidate]]] = []
-        for screen in screens(quiet, base):
-            seen = screen.candidates()
-            screened += seen
-            fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
-            pliable = [c for c in fresh if c.spec.name in PLIABLE]
-            plain = [c for c in fresh if c not in pliable] if reserve else pliable
-            views.append((screen, plain))
-            # Far from what was measured first orders do not tell one point from another.
-            far = base.fit.cost > SWINGS * len(base.fit.white)
-            listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
-            entrants += listed + overlooked(quiet, base, screen.fit, fresh, listed, taken)
-        rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
-        rivals += courses(quiet, held, base, rivals)
-        for rival in rivals:
-            side = rival.model.effects[-1].options.get("side", "sensor")
-            say(
-                f"  {rival.name} {side}: {rival.fitted - base.fitted:+.1f} fitted, "
-                f"{rival.held_out - base.held_out:+.1f} held out"
-            )
-        base, *rivals = levelled([base, *rivals])
-        rivals.sort(key=lambda j: -j.score)
-        for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
-            if rival.score > base.score and rival.fit.status == "rounds":
-                rivals[k] = judge(quiet, held, rival.model, 8, rival.fit)
-        base, *rivals = levelled([base, *rivals])
-        rivals.sort(key=lambda j: -j.score)
-        worthy = [r for r in rivals if earns(r, base, threshold)]
-        worthy = [r for r in worthy if earns(r, granted(base, r, quiet), threshold)]
-        if worthy and base.model.effects and not (scene.plain or scene.observed):
-            worthy = louder_than_noise(base, worthy)
-        if not worthy and not base.model.effects and crosses(quiet, base):
-            # What stands is no longer nominal: it claims an effect too, and must be the better one.
-            worthy = _claimants(held, base, rivals, threshold)
-        accepted = worthy[0] if worthy else None
+        views = screens(quiet, base)
+        seen = [(screen, screen.candidates()) for screen in views]
+        fresh = [
+            (screen, [c for c in found if c.spec.name not in taken and c.gain > least])
+            for screen, found in seen
+        ]
+        allowed = [
+            (screen, [c for c in found if (c.spec.name not in PLIABLE) == bool(reserve)])
+            for screen, found in fresh
+        ]
         room = most - joined
-        if at_once and room >= 2:
-            single = accepted or (rivals[0] if rivals else None)
-            several = together(quiet, held, base, views, single, threshold, room, say)
-            rivals, accepted = ([several, *rivals], several) if several else (rivals, accepted)
+        several = together(quiet, held, base, allowed, room, threshold, say) if at_once else None
+        rivals, accepted = ([several], several) if several else ([], None)
+        if several is None or several.fit.cost > SWINGS * len(several.fit.white):
+            entrants = _entrants(quiet, base, fresh, allowed, taken)
+            base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
+            if several and _above(several, accepted or (rivals[0] if rivals else base)):
+                rivals, accepted = [several, *rivals], several
+        screened = [c for _, found in seen for c in found]
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
             reserve, standing, last_error, again = frozenset(), base, np.inf, True
@@ -240,6 +216,64 @@ def _climb(
         standing, again, barred = accepted, False, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _entrants(
+    quiet: Scene,
+    base: Judged,
+    fresh: Sequence[tuple[Screen, list[Candidate]]],
+    allowed: Sequence[tuple[Screen, list[Candidate]]],
+    taken: Collection[str],
+) -> list[Candidate]:
+    """Who of those in each view is worth a fit, and whom first order overlooks."""
+    # Far from what was measured first orders do not tell one point from another.
+    far = base.fit.cost > SWINGS * len(base.fit.white)
+    points, out = points_of(base.model), []
+    for (screen, found), (_, plain) in zip(fresh, allowed, strict=True):
+        listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
+        out += listed + overlooked(quiet, base, screen.fit, found, listed, taken)
+    return out
+
+
+def _one_more(
+    quiet: Scene,
+    held: Scene | None,
+    base: Judged,
+    entrants: Sequence[Candidate],
+    threshold: float,
+    say: Callable[[str], None],
+) -> tuple[Judged, list[Judged], Judged | None]:
+    """(`base`, levelled; it with each of the entrants that get anywhere, best first; the one that earns
+    its place, if any does)."""
+    rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
+    rivals += courses(quiet, held, base, rivals)
+    for rival in rivals:
+        side = rival.model.effects[-1].options.get("side", "sensor")
+        say(
+            f"  {rival.name} {side}: {rival.fitted - base.fitted:+.1f} fitted, "
+            f"{rival.held_out - base.held_out:+.1f} held out"
+        )
+    base, *rivals = levelled([base, *rivals])
+    rivals.sort(key=lambda j: -j.score)
+    for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
+        if rival.score > base.score and rival.fit.status == "rounds":
+            rivals[k] = judge(quiet, held, rival.model, 8, rival.fit)
+    base, *rivals = levelled([base, *rivals])
+    rivals.sort(key=lambda j: -j.score)
+    worthy = [r for r in rivals if earns(r, base, threshold)]
+    worthy = [r for r in worthy if earns(r, granted(base, r, quiet), threshold)]
+    if worthy and base.model.effects and not (quiet.plain or quiet.observed):
+        worthy = louder_than_noise(base, worthy)
+    if not worthy and not base.model.effects and crosses(quiet, base):
+        # What stands is no longer nominal: it claims an effect too, and must be the better one.
+        worthy = _claimants(held, base, rivals, threshold)
+    return base, rivals, worthy[0] if worthy else None
+
+
+def _above(several: Judged, single: Judged) -> bool:
+    """Several effects at once are worth their numbers beside the best single one."""
+    several, single = levelled([several, single])
+    return several.score > single.score + KEEP
 
 
 def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: float) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -19,9 +20,10 @@ from ffl.diagnose.candidate import Candidate, with_coefficients
 from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.followed import SWINGS
 from ffl.diagnose.judging import Judged, earns, judge, levelled
+from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen
-from ffl.diagnose.settle import DRY, KEEP
+from ffl.diagnose.settle import DRY
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.effects import EFFECTS
@@ -31,7 +33,7 @@ from ffl.systems.state_space import Array
 FIRST = 4  # effects beside which all others are screened again, the best of the screen
 NEXT = 5  # of these that are looked at, for each
 LEFT = 0.85  # of what the best smaller set leaves: what one more effect may leave, to first order
-TUNED = 8  # pairs whose shapes are tuned
+TUNED = 6  # pairs whose shapes are tuned
 GROWN = 2  # pairs beside which a third effect is looked for
 TRIED = 3  # sets that are fitted
 BEGUN = 8  # rounds by which it is seen how far a set gets
@@ -57,32 +59,45 @@ class Together:
     def like(self) -> Fit:
         return self.screen.fit
 
+    @property
+    def model(self) -> Model:
+        """The model of `like` with all of them, within bounds."""
+        model = self.like.model
+        for spec in self.specs:
+            model = model.with_effect(spec)
+        return model.at(model.theta)
+
 
 def together(
     quiet: Scene,
     held: Scene | None,
     base: Judged,
     screens: Sequence[tuple[Screen, Sequence[Candidate]]],
-    single: Judged | None,
-    threshold: float,
     most: int,
+    threshold: float,
     say: Callable[[str], None],
 ) -> Judged | None:
-    """`base` with the effects, `most` at most, that together explain what no `single` one does, or
+    """`base` with the effects, `most` at most, that together explain what no single one does, or
     None."""
-    if base.fit.cost < SWINGS * len(base.fit.white):
+    if most < 2 or base.fit.cost < SWINGS * len(base.fit.white):
         return None  # near what was measured one comes after the other
+    screens = [pair for pair in screens if pair[0].along is not None] or screens
     starts = [found for screen, seen in screens for found in sets(screen, seen, most)]
 
-    def begun(start: Together) -> tuple[Scene, Fit]:
-        model = start.like.model
-        for spec in start.specs:
-            model = model.with_effect(spec)
-        model = model.at(model.theta)  # within bounds
+    before = quiet.cost(base.model)
+
+    def nearer(start: Together) -> Model | None:
+        """As a simulation: along a measured command a dead zone as wide as a limit lets nothing through,
+        and first order finds that the command explains itself."""
+        model = start.model
+        return model if quiet.cost(model) < before else None
+
+    def begun(model: Model) -> tuple[Scene, Fit]:
         scene = with_starts(with_clocks(quiet, model, 1), model)
         return scene, fit(scene, model, rounds=BEGUN)
 
-    tried = each(begun, _best(starts, TRIED))
+    sound = [model for model in each(nearer, _best(starts, TUNED)) if model is not None]
+    tried = each(begun, sound[:TRIED])
     if not tried:
         return None
     scene, first = min(tried, key=lambda entry: entry[1].cost)
@@ -91,21 +106,19 @@ def together(
         f"  together {judged.name}: {judged.fitted - base.fitted:+.1f} fitted, "
         f"{judged.held_out - base.held_out:+.1f} held out"
     )
-    judged, base, *rest = levelled([judged, base, *([] if single is None else [single])])
-    if any(judged.score < other.score + KEEP for other in rest):
-        return None
+    judged, base = levelled([judged, base])
     return judged if earns(judged, base, threshold) else None
 
 
 def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Together]:
     """Pairs, tuned, that leave much less than any single effect of those `seen`, and what some of them
-    are part of where a third leaves much less than they do; best first."""
+    are part of where a third leaves much less than they do; best first. None where one is enough."""
     allowed = {c.spec.name for c in seen}
     alone = [_solved(screen, (c,)) for c in _best_of_each(seen)[:FIRST]]
     alone = [one for one in alone if one is not None]
-    if not alone:
+    least = min((one.left for one in alone), default=0.0)
+    if least < SWINGS * len(screen.residual):
         return []
-    least = min(one.left for one in alone)
     pairs = [pair for one in alone for pair in grown(one, allowed)]
     different = {
         frozenset(spec.name for spec in p.specs): p for p in reversed(_best(pairs, len(pairs)))
@@ -158,8 +171,17 @@ def tuned(start: Together) -> Together:
         pairs = zip(start.candidates, values, strict=True)
         return tuple(replace(c, nonlinear=v) for c, v in pairs)
 
+    seen: dict[tuple[str, tuple[Any, ...]], Array] = {}
+
+    def table(c: Candidate) -> Array:
+        key = c.spec.name, tuple(sorted(c.nonlinear.items()))
+        if key not in seen:
+            seen[key] = start.screen.beyond(start.screen.table_of(c))
+        return seen[key]
+
     def left(x: Array) -> Array:
-        return _left(start.screen, at(x))[0]
+        candidates = at(x)
+        return _left(start.screen, candidates, [table(c) for c in candidates])[0]
 
     best = centre.copy()
     for k, far in enumerate(reach):  # not convex: number by number along a ladder, then downhill
@@ -197,7 +219,8 @@ def _shapes(c: Candidate) -> list[str]:
 def _solved(screen: Screen, candidates: tuple[Candidate, ...]) -> Together | None:
     """The candidates together, with the coefficients that leave least; None where one of them is of the
     wrong sign."""
-    left, coefficients = _left(screen, candidates)
+    tables = [screen.beyond(screen.table_of(c)) for c in candidates]
+    left, coefficients = _left(screen, candidates, tables)
     specs = tuple(map(with_coefficients, candidates, coefficients))
     for spec, own in zip(specs, coefficients, strict=True):
         if (spec.name in POSITIVE and np.any(own < 0)) or _none(spec):
@@ -212,9 +235,11 @@ def _none(spec: EffectSpec) -> bool:
     return any(spec.parameters.get(name) == 0.0 for name in amounts)
 
 
-def _left(screen: Screen, candidates: Sequence[Candidate]) -> tuple[Array, list[Array]]:
-    """(what they leave of the residual, coefficients of each); an amount fixed by nature is 1."""
-    tables = [screen.beyond(screen.table_of(c)) for c in candidates]
+def _left(
+    screen: Screen, candidates: Sequence[Candidate], tables: Sequence[Array]
+) -> tuple[Array, list[Array]]:
+    """(what they leave of the residual, coefficients of each) from their `tables` beyond the model's own
+    freedom; an amount fixed by nature is 1."""
     fixed = [EFFECTS[c.spec.name].fixed_amount for c in candidates]
     left = screen.residual - sum(t[:, 0] for t, one in zip(tables, fixed, strict=True) if one)
     free = [t for t, one in zip(tables, fixed, strict=True) if not one]

@@ -47,7 +47,7 @@ def test_both_come_in_at_once(stage, record, scenes):
     base = judge(scene, held, model)
     said: list[str] = []
     screen, seen = views(scene, model)
-    found = together(scene, held, base, [(screen, seen)], None, 20.0, 2, said.append)
+    found = together(scene, held, base, [(screen, seen)], 2, 20.0, said.append)
     assert found is not None
     assert "drift" in found.model.names
     assert len(found.model.effects) == 2
@@ -57,7 +57,7 @@ def test_both_come_in_at_once(stage, record, scenes):
 def test_near_what_was_measured_one_comes_after_the_other(stage, record, scenes):
     scene, held, model = scenes(record(stage))
     base = judge(scene, held, model)
-    assert together(scene, held, base, [], None, 20.0, 2, print) is None
+    assert together(scene, held, base, [], 2, 20.0, print) is None
 
 
 def test_a_candidate_keeps_what_its_columns_are(stage, record, scenes):
