@@ -200,8 +200,7 @@ def mean_square(judged: Judged) -> float:
 def credible(judged: Judged) -> bool:
     """Whether every effect has numbers of the physics that it is named for."""
     return all(
-        EFFECTS[spec.name].credible(spec.parameters, _longest(judged.scene))
-        for spec in judged.model.effects
+        EFFECTS[spec.name].credible(spec, _longest(judged.scene)) for spec in judged.model.effects
     )
 
 

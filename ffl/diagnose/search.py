@@ -49,7 +49,7 @@ from ffl.diagnose.screen import Screen, as_measured, orthonormal
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.starts import with_starts
-from ffl.diagnose.together import together
+from ffl.diagnose.together import HIDDEN, starts, together
 from ffl.diagnose.unrest import unrest_of, with_unrest
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
@@ -199,13 +199,17 @@ def _climb(
             for screen, found in fresh
         ]
         room = most - joined
-        several = together(quiet, held, base, allowed, room, threshold, say) if at_once else None
-        rivals, accepted = ([several], several) if several else ([], None)
-        if several is None or several.fit.cost > SWINGS * len(several.fit.white):
+        sets = starts(base, allowed, room) if at_once else []
+        rivals, accepted, several = [], None, None
+        if sets and sets[0].share < HIDDEN:
+            accepted = several = together(quiet, held, base, sets, threshold, say)
+        if several is None or _far(several):
             entrants = _entrants(quiet, base, fresh, allowed, taken)
             base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
-            if several and _above(several, accepted or (rivals[0] if rivals else base)):
-                rivals, accepted = [several, *rivals], several
+            if sets and several is None and (accepted is None or _far(accepted)):
+                several = together(quiet, held, base, sets, threshold, say)
+        if several and (several is accepted or _above(several, accepted or base, rivals)):
+            rivals, accepted = [several, *rivals], several
         screened = [c for _, found in seen for c in found]
         steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
@@ -227,7 +231,7 @@ def _entrants(
 ) -> list[Candidate]:
     """Who of those in each view is worth a fit, and whom first order overlooks."""
     # Far from what was measured first orders do not tell one point from another.
-    far = base.fit.cost > SWINGS * len(base.fit.white)
+    far = _far(base)
     points, out = points_of(base.model), []
     for (screen, found), (_, plain) in zip(fresh, allowed, strict=True):
         listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
@@ -270,10 +274,15 @@ def _one_more(
     return base, rivals, worthy[0] if worthy else None
 
 
-def _above(several: Judged, single: Judged) -> bool:
-    """Several effects at once are worth their numbers beside the best single one."""
-    several, single = levelled([several, single])
-    return several.score > single.score + KEEP
+def _far(judged: Judged) -> bool:
+    """So far from what was measured that first orders may mislead."""
+    return judged.fit.cost > SWINGS * len(judged.fit.white)
+
+
+def _above(several: Judged, single: Judged, rivals: Sequence[Judged]) -> bool:
+    """Several effects at once are worth their numbers beside `single` and the best of its `rivals`."""
+    several, *others = levelled([several, single, *rivals[:1]])
+    return all(several.score > other.score + KEEP for other in others)
 
 
 def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: float) -> bool:

@@ -34,6 +34,7 @@ FIRST = 4  # effects beside which all others are screened again, the best of the
 NEXT = 5  # of these that are looked at, for each
 LEFT = 0.85  # of what the best smaller set leaves: what one more effect may leave, to first order
 TUNED = 6  # pairs whose shapes are tuned
+HIDDEN = 0.1  # of what the best single effect leaves: it tells nothing
 GROWN = 2  # pairs beside which a third effect is looked for
 TRIED = 3  # sets that are fitted
 BEGUN = 8  # rounds by which it is seen how far a set gets
@@ -54,6 +55,7 @@ class Together:
     candidates: tuple[Candidate, ...]
     specs: tuple[EffectSpec, ...]
     left: float
+    share: float = 1.0  # of what the best single effect leaves
 
     @property
     def like(self) -> Fit:
@@ -68,22 +70,26 @@ class Together:
         return model.at(model.theta)
 
 
+def starts(
+    base: Judged, screens: Sequence[tuple[Screen, Sequence[Candidate]]], most: int
+) -> list[Together]:
+    """Sets of effects, `most` at most, that to first order leave much less than any single one, best
+    first; none near what was measured, where one comes after the other."""
+    if most < 2 or base.fit.cost < SWINGS * len(base.fit.white):
+        return []
+    screens = [pair for pair in screens if pair[0].along is not None] or screens
+    return _best([found for screen, seen in screens for found in sets(screen, seen, most)], TUNED)
+
+
 def together(
     quiet: Scene,
     held: Scene | None,
     base: Judged,
-    screens: Sequence[tuple[Screen, Sequence[Candidate]]],
-    most: int,
+    found: Sequence[Together],
     threshold: float,
     say: Callable[[str], None],
 ) -> Judged | None:
-    """`base` with the effects, `most` at most, that together explain what no single one does, or
-    None."""
-    if most < 2 or base.fit.cost < SWINGS * len(base.fit.white):
-        return None  # near what was measured one comes after the other
-    screens = [pair for pair in screens if pair[0].along is not None] or screens
-    starts = [found for screen, seen in screens for found in sets(screen, seen, most)]
-
+    """`base` with the best of the sets that were `found`, or None where it does not earn its place."""
     before = quiet.cost(base.model)
 
     def nearer(start: Together) -> Model | None:
@@ -96,7 +102,7 @@ def together(
         scene = with_starts(with_clocks(quiet, model, 1), model)
         return scene, fit(scene, model, rounds=BEGUN)
 
-    sound = [model for model in each(nearer, _best(starts, TUNED)) if model is not None]
+    sound = [model for model in each(nearer, found) if model is not None]
     tried = each(begun, sound[:TRIED])
     if not tried:
         return None
@@ -125,11 +131,9 @@ def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Toget
     }
     tried = [p for p in _best(list(different.values()), TUNED) if p.left < least]
     found = [p for p in _best(each(tuned, tried), TUNED) if p.left < LEFT * least]
-    if most < 3:
-        return found
-    return _best(
-        [larger or p for p, larger in zip(found, _larger(found, allowed), strict=True)], TUNED
-    )
+    if most > 2:
+        found = [larger or p for p, larger in zip(found, _larger(found, allowed), strict=True)]
+    return [replace(one, share=one.left / least) for one in _best(found, TUNED)]
 
 
 def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Together | None]:

@@ -10,7 +10,7 @@ from numba import njit
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import FIRST, STEP, TIME
 from ffl.effects.solve import bulge_of, set_curve
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 BRIEF = 0.05  # of the recording: no drift is faster
@@ -55,16 +55,19 @@ class Drift(Effect):
         kind = float(KINDS.index(setting.options.get("kind", "exponential")))
         return [values["amplitude"] / setting.force_per_input, values["time_constant"], kind]
 
-    def credible(self, values: Parameters, duration: float) -> bool:
-        """What settles at once is a load that begins, not a drift."""
-        return bool(values["time_constant"] >= BRIEF * duration)
+    def credible(self, spec: EffectSpec, duration: float) -> bool:
+        """What settles at once is a load that begins, not a drift; a sine of which no recording holds a
+        period is any bend."""
+        slow = float(spec.parameters["time_constant"]) / duration
+        return slow >= BRIEF and (slow <= 1.0 or spec.options.get("kind") != "sine")
 
     def grid(self, motion: Motion) -> list[dict[str, Any]]:
         duration = len(motion.t) * motion.sample_time
+        settling, waves = np.geomspace(BRIEF, 4.0, 8), np.geomspace(BRIEF, 1.0, 6)
         return [
             {"time_constant": float(tau), "kind": kind}
-            for kind in KINDS
-            for tau in (duration * np.geomspace(BRIEF, 4.0, 8) if kind != "ramp" else [duration])
+            for kind, taus in zip(KINDS, (settling, waves, np.ones(1)), strict=True)
+            for tau in duration * taus
         ]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:

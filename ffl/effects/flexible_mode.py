@@ -8,7 +8,7 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 
@@ -52,10 +52,10 @@ class FlexibleMode(Effect):
             for z in (0.01, 0.1)
         ]
 
-    def credible(self, values: Parameters, duration: float) -> bool:
+    def credible(self, spec: EffectSpec, duration: float) -> bool:
         """A mode resonates: above a damping of 1/sqrt(2) the hung mass answers no frequency by more
         than it does a slow one."""
-        return bool(values["damping"] < np.sqrt(0.5))
+        return bool(spec.parameters["damping"] < np.sqrt(0.5))
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """M (a - H a), H the hung mass's own second-order response: first order in mass_fraction."""

@@ -8,7 +8,7 @@ from numba import njit
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import COMMIT, GV, V0, V1
 from ffl.effects.solve import set_friction
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 LEAST = 0.1  # of the static level: what friction keeps at speed
@@ -65,8 +65,9 @@ class StribeckFriction(Effect):
     remembers = True
     switches = True
 
-    def credible(self, values: Parameters, duration: float) -> bool:
+    def credible(self, spec: EffectSpec, duration: float) -> bool:
         """Some of the level stays at speed; what vanishes there is no dry friction."""
+        values = spec.parameters
         return bool(values["coulomb_level"] > LEAST * values["static_level"])
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]

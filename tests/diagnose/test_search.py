@@ -74,11 +74,16 @@ def test_no_other_way_where_nothing_is_left_or_the_rival_says_the_same():
         ("stribeck_friction", {"coulomb_level": 0.0, "static_level": 5.0}, False),
         ("drift", {"amplitude": 1.0, "time_constant": 2.0}, True),
         ("drift", {"amplitude": 1.0, "time_constant": 0.01}, False),
+        ("drift", {"amplitude": 1.0, "time_constant": 20.0}, True),
+        ("drift sine", {"amplitude": 1.0, "time_constant": 6.0}, True),
+        ("drift sine", {"amplitude": 1.0, "time_constant": 20.0}, False),
         ("constant_load", {"force": 1.0}, True),
     ],
 )
 def test_numbers_of_the_physics_that_an_effect_is_named_for(name, values, credible):
-    assert EFFECTS[name].credible(values, 8.0) is credible
+    name, *kind = name.split()
+    spec = EffectSpec(name, values, {"kind": kind[0]} if kind else {})
+    assert EFFECTS[name].credible(spec, 8.0) is credible
 
 
 def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, record, scenes):

@@ -11,7 +11,7 @@ from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import judge
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.settle import DRY
-from ffl.diagnose.together import sets, together
+from ffl.diagnose.together import sets, starts, together
 from ffl.systems.plant import EffectSpec
 
 FRICTION = EffectSpec("coulomb_friction", {"level": 6.0})
@@ -47,7 +47,7 @@ def test_both_come_in_at_once(stage, record, scenes):
     base = judge(scene, held, model)
     said: list[str] = []
     screen, seen = views(scene, model)
-    found = together(scene, held, base, [(screen, seen)], 2, 20.0, said.append)
+    found = together(scene, held, base, starts(base, [(screen, seen)], 2), 20.0, said.append)
     assert found is not None
     assert "drift" in found.model.names
     assert len(found.model.effects) == 2
@@ -57,7 +57,7 @@ def test_both_come_in_at_once(stage, record, scenes):
 def test_near_what_was_measured_one_comes_after_the_other(stage, record, scenes):
     scene, held, model = scenes(record(stage))
     base = judge(scene, held, model)
-    assert together(scene, held, base, [], 2, 20.0, print) is None
+    assert starts(base, [views(scene, model)], 2) == []
 
 
 def test_a_candidate_keeps_what_its_columns_are(stage, record, scenes):
