@@ -17,10 +17,11 @@ from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import slight
 from ffl.diagnose.model import Model
+from ffl.diagnose.number import Number
 from ffl.diagnose.picture import MapPicture, picture
 from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.prove import prove, run_plant, with_map
-from ffl.diagnose.result import Diagnosis, Finding, Number
+from ffl.diagnose.result import Diagnosis, Finding
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.unnamed import Contest, compare

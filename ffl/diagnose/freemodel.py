@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ffl.diagnose.company import without
 from ffl.diagnose.fit import Scene, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place
@@ -145,8 +146,7 @@ def as_sent(scene: Scene, model: Model) -> list[Array] | None:
     others = replace(model, effects=tuple(e for e in model.effects if e not in told))
     trials = []
     for trial in scene.trials:
-        motion = replace(Motion.still(0.0, trial.sample_time), u=trial.u)
-        taken = sum(EFFECTS[e.name].signal(e, motion) for e in told)
+        taken = without(trial, told).u - trial.u
         trials.append(replace(trial, load=taken if trial.load is None else trial.load + taken))
     return replace(scene, trials=tuple(trials)).residuals(others)
 

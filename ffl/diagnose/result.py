@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ffl.diagnose.advise import Experiment
 from ffl.diagnose.judging import Judged
+from ffl.diagnose.number import Number, clean
 from ffl.diagnose.picture import MapPicture
 from ffl.diagnose.prove import Proof
 from ffl.diagnose.rounds import Step
@@ -19,15 +18,6 @@ from ffl.diagnose.unnamed import Contest
 from ffl.diagnose.where import Forces, Map, Place
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
-
-
-@dataclass(frozen=True)
-class Number:
-    """A fitted parameter; `std_error` None where the data do not see it."""
-
-    value: Any
-    unit: str
-    std_error: float | None = None
 
 
 @dataclass(frozen=True)
@@ -106,7 +96,7 @@ class Diagnosis:
             "location": {k: v for k, v in location.items() if v != ""},
             "effects": [_finding(f) for f in self.findings],
             "model_corrections": [
-                _clean({"name": c.name, "relative": c.relative, "std_error": c.std_error})
+                clean({"name": c.name, "relative": c.relative, "std_error": c.std_error})
                 | ({"unit": c.unit} if c.unit else {})
                 for c in self.corrections
             ],
@@ -126,10 +116,10 @@ class Diagnosis:
 def _finding(f: Finding) -> dict[str, Any]:
     parameters = {}
     for name, number in f.parameters.items():
-        parameters[name] = _clean(
+        parameters[name] = clean(
             {"value": number.value, "unit": number.unit, "std_error": number.std_error}
         )
-    return _clean(
+    return clean(
         {
             "name": f.name,
             "location": f.location,
@@ -144,7 +134,7 @@ def _finding(f: Finding) -> dict[str, Any]:
 
 
 def _experiment(e: Experiment) -> dict[str, Any]:
-    return _clean(
+    return clean(
         {
             "file": "experiment.csv",
             "what": e.text,
@@ -156,7 +146,7 @@ def _experiment(e: Experiment) -> dict[str, Any]:
 
 
 def _validation(proof: Proof) -> dict[str, Any]:
-    return _clean(
+    return clean(
         {
             "recordings": list(proof.recordings),
             "nrmse_before": proof.nrmse_before,
@@ -169,24 +159,6 @@ def _validation(proof: Proof) -> dict[str, Any]:
             "nrmse_with_map": proof.nrmse_with_map,
         }
     )
-
-
-def _clean(table: dict[str, Any]) -> dict[str, Any]:
-    """Without what could not be computed."""
-    out = {}
-    for key, value in table.items():
-        if value is None or (key == "options" and not value):
-            continue
-        if isinstance(value, float | np.floating):
-            if not np.isfinite(value):
-                continue
-            value = float(value)
-        if isinstance(value, list) and any(
-            isinstance(v, float) and not np.isfinite(v) for v in value
-        ):
-            continue
-        out[key] = value
-    return out
 
 
 def component_of(name: str) -> str:

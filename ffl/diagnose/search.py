@@ -206,8 +206,8 @@ def _climb(
         if several is None or _far(several):
             entrants = _entrants(quiet, base, fresh, allowed, taken)
             base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
-            if sets and several is None and (accepted is None or _far(accepted)):
-                several = together(quiet, held, base, sets, threshold, say)
+            if sets and several is None:
+                several = together(quiet, held, base, sets, threshold, say, accepted)
         if several and (several is accepted or _above(several, accepted or base, rivals)):
             rivals, accepted = [several, *rivals], several
         screened = [c for _, found in seen for c in found]

@@ -32,10 +32,13 @@ from ffl.systems.state_space import Array
 
 FIRST = 4  # effects beside which all others are screened again, the best of the screen
 NEXT = 5  # of these that are looked at, for each
-LEFT = 0.85  # of what the best smaller set leaves: what one more effect may leave, to first order
+LEFT = 0.95  # of what the best single effect leaves, to first order: what a pair may leave
+THIRD = 0.85  # of what a pair leaves: what a third may leave
+ENOUGH = 1.5  # mean square, in units of the noise, that a single effect leaves where it is all
 TUNED = 6  # pairs whose shapes are tuned
 HIDDEN = 0.1  # of what the best single effect leaves: it tells nothing
 GROWN = 2  # pairs beside which a third effect is looked for
+BEHIND = 2.0  # times what a single effect leaves, fitted: what a set may leave before it is
 TRIED = 3  # sets that are fitted
 BEGUN = 8  # rounds by which it is seen how far a set gets
 STEPS = 12  # rounds of the best
@@ -88,15 +91,19 @@ def together(
     found: Sequence[Together],
     threshold: float,
     say: Callable[[str], None],
+    single: Judged | None = None,
 ) -> Judged | None:
-    """`base` with the best of the sets that were `found`, or None where it does not earn its place."""
-    before = quiet.cost(base.model)
+    """`base` with the best of the sets that were `found`, of those that are not far behind a `single`
+    effect that stands by now; None where none is left or it does not earn its place."""
+    most = quiet.cost(base.model)
+    if single is not None:
+        most = min(most, BEHIND * quiet.cost(single.model))
 
     def nearer(start: Together) -> Model | None:
         """As a simulation: along a measured command a dead zone as wide as a limit lets nothing through,
         and first order finds that the command explains itself."""
         model = start.model
-        return model if quiet.cost(model) < before else None
+        return model if quiet.cost(model) < most else None
 
     def begun(model: Model) -> tuple[Scene, Fit]:
         scene = with_starts(with_clocks(quiet, model, 1), model)
@@ -123,7 +130,7 @@ def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Toget
     alone = [_solved(screen, (c,)) for c in _best_of_each(seen)[:FIRST]]
     alone = [one for one in alone if one is not None]
     least = min((one.left for one in alone), default=0.0)
-    if least < SWINGS * len(screen.residual):
+    if least < ENOUGH * len(screen.residual):
         return []
     pairs = [pair for one in alone for pair in grown(one, allowed)]
     different = {
@@ -142,7 +149,7 @@ def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Togethe
     def third(pair: Together) -> Together | None:
         more = _best(grown(pair, allowed), 1)
         best = tuned(more[0]) if more else None
-        return best if best is not None and best.left < LEFT * pair.left else None
+        return best if best is not None and best.left < THIRD * pair.left else None
 
     chosen = each(third, pairs[:GROWN])
     return [*chosen, *[None] * (len(pairs) - len(chosen))]

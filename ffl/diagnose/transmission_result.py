@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.diagnose.number import Number
 from ffl.diagnose.transmission_search import NEAR, NUMBER, Found
 from ffl.diagnose.transmission_terms import Fit, Scene, Term, columns, driving
 from ffl.effects.modal import force_unit
@@ -19,20 +20,11 @@ BEND = 0.75  # of the travel: a longer period is a bend, not a ripple
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A number of the transmission."""
-
-    value: float
-    unit: str
-    std_error: float | None = None
-
-
-@dataclass(frozen=True)
 class Part:
     """One term of what the encoders differ by."""
 
     name: str
-    parameters: dict[str, Figure]
+    parameters: dict[str, Number]
     says: str
     gain: float
     held_out_gain: float
@@ -104,7 +96,7 @@ class Transmission:
         return out
 
 
-def _figure(f: Figure) -> dict[str, object]:
+def _figure(f: Number) -> dict[str, object]:
     out: dict[str, object] = {"value": f.value, "unit": f.unit}
     return out if f.std_error is None else out | {"std_error": f.std_error}
 
@@ -201,10 +193,10 @@ def _part(
     values = fit.regression.values[at]
     errors = fit.regression.std_errors[at]
     value, error = float(values[0]), float(errors[0])
-    figures: dict[str, Figure] = {}
+    figures: dict[str, Number] = {}
     if term.name == "delay":
         total = scene.shift + value
-        figures["delay"] = Figure(total, "s", error)
+        figures["delay"] = Number(total, "s", error)
         which = "later" if total > 0 else "earlier"
         says = (
             f"the load's encoder is read {abs(total) * 1e3:.4g} ms {which} than the motor's (or its "
@@ -217,12 +209,12 @@ def _part(
                 f"{force} s/{unit}, and cannot be told from it"
             )
     elif term.name == "scale":
-        figures["relative"] = Figure(value, "1", error)
+        figures["relative"] = Number(value, "1", error)
         says = f"the load's encoder, or the ratio, is off by {1e6 * value:.4g} ppm"
     elif term.name in ("torsion", "inertia", "command"):
         figures, says = _spring(scene, fit, term, unit, force)
     elif term.name == "play":
-        figures["gap"] = Figure(2.0 * value, unit, 2.0 * error)
+        figures["gap"] = Number(2.0 * value, unit, 2.0 * error)
         by = (
             "the motion turns back"
             if term.by == "travel"
@@ -232,9 +224,9 @@ def _part(
         if term.by == "travel":
             says += "; play, or a spring wound up by dry friction behind it, look alike here"
     else:
-        figures["amplitude"] = Figure(float(np.hypot(*values)), unit, float(np.max(errors)))
-        figures["period"] = Figure(term.period, unit)
-        figures["phase"] = Figure(float(np.arctan2(values[1], values[0])), "rad")
+        figures["amplitude"] = Number(float(np.hypot(*values)), unit, float(np.max(errors)))
+        figures["period"] = Number(term.period, unit)
+        figures["phase"] = Number(float(np.arctan2(values[1], values[0])), "rad")
         travel = max(float(np.ptp(p.measured)) for p in scene.plain)
         size = f"{figures['amplitude'].value:.3g} {unit}"
         if term.period > BEND * travel:
@@ -246,20 +238,20 @@ def _part(
 
 def _spring(
     scene: Scene, fit: Fit, term: Term, unit: str, force: str
-) -> tuple[dict[str, Figure], str]:
+) -> tuple[dict[str, Number], str]:
     """The spring's numbers: stiffness, damping, antiresonance, where friction sits."""
     known = scene.known
     value, error = fit.value(term.name)
-    figures: dict[str, Figure] = {}
+    figures: dict[str, Number] = {}
     if term.name == "inertia":
         frequency = 1.0 / (2 * np.pi * float(np.sqrt(value)))
-        figures["antiresonance"] = Figure(frequency, "Hz", 0.5 * frequency * error / value)
+        figures["antiresonance"] = Number(frequency, "Hz", 0.5 * frequency * error / value)
         return figures, (
             f"the transmission gives way with the load's acceleration: antiresonance at {frequency:.4g} "
             "Hz; state [physics] load_mass, and the stiffness follows"
         )
     c = 1.0 / value
-    figures["stiffness"] = Figure(c, f"{force}/{unit}", c * error / value)
+    figures["stiffness"] = Number(c, f"{force}/{unit}", c * error / value)
     says = f"a spring of {c:.4g} {force}/{unit} between motor and load"
     if term.name == "command":
         says += ", wound up by the command less the motor's inertia; friction at the motor counts into it"
@@ -269,14 +261,14 @@ def _spring(
         says += ", wound up by what the load asks for: friction acts at the motor"
     if fit.has("friction"):
         share, doubt = fit.value("friction")
-        figures["friction_behind"] = Figure(share / value, "1", doubt / value)
+        figures["friction_behind"] = Number(share / value, "1", doubt / value)
         says += f", but for {share / value:.2g} of it, which acts behind the spring"
     if fit.has("damping"):
         damping, doubt = fit.value("damping")
-        figures["damping"] = Figure(-damping / value**2, f"{force} s/{unit}", doubt / value**2)
+        figures["damping"] = Number(-damping / value**2, f"{force} s/{unit}", doubt / value**2)
     if known.load_mass is not None and term.name == "torsion":
         frequency = float(np.sqrt(c / known.load_mass)) / (2 * np.pi)
-        figures["antiresonance"] = Figure(frequency, "Hz", 0.5 * frequency * error / value)
+        figures["antiresonance"] = Number(frequency, "Hz", 0.5 * frequency * error / value)
     return figures, says
 
 
