@@ -32,11 +32,9 @@ PASSES = 2  # noise read from what is left of the calm stretches, and again
 def with_unrest(scene: Scene, model: Model) -> Scene:
     """`scene`, recordings that are fitted, with what every sample counts for under `model`; noise is read
     anew from the calm stretches."""
-    if scene.plain or scene.observed:
-        return scene
+    if not _may_stick(scene, model):
+        return without_unrest(scene)
     scene = without_unrest(scene)
-    if not model.effects:
-        return scene
     for _ in range(PASSES):
         scene = unrest_of(scene, model)
         scene = scene.with_noise_of(raw_residuals(scene, model), coloured=False, quantile=QUIET)
@@ -45,9 +43,9 @@ def with_unrest(scene: Scene, model: Model) -> Scene:
 
 def unrest_of(scene: Scene, model: Model) -> Scene:
     """The same with the noise that `scene` has."""
-    if scene.plain or scene.observed or not model.effects:
-        return without_unrest(scene)
     calm = without_unrest(scene)
+    if not _may_stick(scene, model):
+        return calm
     alike = imitated(model.plant(), calm.trials, calm.noise, np.random.default_rng(0), DRAWS)
     if not alike:
         return calm
@@ -58,6 +56,12 @@ def unrest_of(scene: Scene, model: Model) -> Scene:
         for trial, own in zip(calm.trials, np.split(power, cuts, axis=1), strict=True)
     ]
     return replace(calm, trials=tuple(trials))
+
+
+def _may_stick(scene: Scene, model: Model) -> bool:
+    """A machine with effects, whose noise goes round a loop that is known; no process sticks."""
+    known = not (scene.plain or scene.observed)
+    return known and bool(model.effects) and not model.base.is_process
 
 
 def without_unrest(scene: Scene) -> Scene:
