@@ -73,3 +73,15 @@ def scenes(stage):  # type: ignore[no-untyped-def]
         )
 
     return of
+
+
+@pytest.fixture(scope="session")
+def two_masses() -> Plant:
+    """Two masses on a spring of 50 Hz, driven and measured at the one."""
+    zeros = np.array([-0.9974, 0.9620 + 0.2508j, 0.9620 - 0.2508j])
+    poles = np.array([0.99935, 1.0, 0.94026 + 0.31177j, 0.94026 - 0.31177j])
+    servo = Zpk(np.array([0.98228, -1.0]), np.array([0.76352, 0.72278]), 1319.55, STEP)
+    return Plant(
+        "stage", Zpk(zeros, poles, 1.05038e-6, STEP), Controller.of_error(servo), "A", "m",
+        "made for the tests", Physics(11.741, 15.74), Imperfections(0.0, 1e-6, 0.01, None),
+    )  # fmt: skip

@@ -13,7 +13,7 @@ from ffl.diagnose.prove import run_plant
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
-from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves
+from ffl.systems import EffectSpec, Move, moves
 
 STEP = 0.001
 NOISE = Noise(1e-6, 0.01)
@@ -24,21 +24,8 @@ EFFECTS = (
 
 
 @pytest.fixture(scope="module")
-def plant():
-    """Two masses on a spring of 50 Hz, driven and measured at the one."""
-    zeros = np.array([-0.9974, 0.9620 + 0.2508j, 0.9620 - 0.2508j])
-    poles = np.array([0.99935, 1.0, 0.94026 + 0.31177j, 0.94026 - 0.31177j])
-    servo = Zpk(np.array([0.98228, -1.0]), np.array([0.76352, 0.72278]), 1319.55, STEP)
-    return Plant(
-        "stage",
-        Zpk(zeros, poles, 1.05038e-6, STEP),
-        Controller.of_error(servo),
-        "A",
-        "m",
-        "made for the tests",
-        Physics(11.741, 15.74),
-        Imperfections(0.0, 1e-6, 0.01, None),
-    )
+def plant(two_masses):
+    return two_masses
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from ffl.diagnose.screen import Screen
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.unrest import unrest_of, with_unrest, without_unrest
 from ffl.machines import SimulatedMachine
-from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves
+from ffl.systems import EffectSpec, Imperfections, Move, moves
 
 STEP = 0.001
 NOISE = Noise(1e-7, 0.03)
@@ -22,15 +22,8 @@ STUCK = EffectSpec("coulomb_friction", {"level": 15.0}, {"side": "load"})
 
 
 @pytest.fixture(scope="module")
-def plant():
-    """Two masses on a spring of 50 Hz, hardly damped, driven and measured at the one."""
-    zeros = np.array([-0.9974, 0.9620 + 0.2508j, 0.9620 - 0.2508j])
-    poles = np.array([0.99935, 1.0, 0.94026 + 0.31177j, 0.94026 - 0.31177j])
-    servo = Zpk(np.array([0.98228, -1.0]), np.array([0.76352, 0.72278]), 1319.55, STEP)
-    return Plant(
-        "stage", Zpk(zeros, poles, 1.05038e-6, STEP), Controller.of_error(servo), "A", "m", "",
-        Physics(11.741, 15.74), Imperfections(0.0, 1e-7, 0.03, None),
-    )  # fmt: skip
+def plant(two_masses):
+    return replace(two_masses, machine=Imperfections(0.0, NOISE.sensor, NOISE.force, None))
 
 
 @pytest.fixture(scope="module")
