@@ -20,6 +20,7 @@ from ffl.diagnose.screen import Screen, as_measured
 from ffl.effects import EFFECTS
 
 KEEP = 20.0  # score an effect must be worth beside all others
+RIVALS = 4  # names of the round that an effect won, the best of which are tried in its place again
 SUBSTITUTE = 3.0  # score by which a sibling must be better
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
@@ -202,7 +203,7 @@ def challengers(
         names += PLIABLE
     for step in steps:
         if spec.name in step.joined:
-            names += [r.model.names[-1] for r in step.rivals[:4]]
+            names += list(dict.fromkeys(r.model.names[-1] for r in step.rivals))[:RIVALS]
         elif step.accepted is not None:  # who was there before, if it no longer is
             names.append(step.accepted.model.names[-1])
     company = current.model.without(index)

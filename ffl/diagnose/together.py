@@ -32,7 +32,7 @@ from ffl.systems.state_space import Array
 
 FIRST = 4  # effects beside which all others are screened again, the best of the screen
 NEXT = 5  # of these that are looked at, for each
-LEFT = 0.95  # of what the best single effect leaves, to first order: what a pair may leave
+LEFT = 0.98  # of what the best single effect leaves, to first order: what a pair may leave
 THIRD = 0.85  # of what a pair leaves: what a third may leave
 ENOUGH = 1.5  # mean square, in units of the noise, that a single effect leaves where it is all
 TUNED = 6  # pairs whose shapes are tuned
@@ -147,6 +147,8 @@ def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Togethe
     """What each of the best pairs is part of, where a third effect leaves much less."""
 
     def third(pair: Together) -> Together | None:
+        if pair.left < SWINGS * len(pair.screen.residual):
+            return None  # near what was measured one comes after the other
         more = _best(grown(pair, allowed), 1)
         best = tuned(more[0]) if more else None
         return best if best is not None and best.left < THIRD * pair.left else None
