@@ -30,7 +30,7 @@ class InputDelay(Effect):
     """u delayed by `delay` seconds, whatever fraction of a sample that is."""
 
     name = "input_delay"
-    component = "timing"
+    component = "actuator"
     port = "command"
     default_side = "motor"
     parameters = (Parameter("delay", "s"),)

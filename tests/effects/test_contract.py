@@ -304,3 +304,23 @@ def test_plant_file_keeps_effects_and_their_options(tmp_path):
     two = SimulatedMachine(back).run(reference(), None, np.random.default_rng(0))
     assert np.array_equal(one.y, two.y)
     assert back.effects[0].options["side"] == "motor"
+
+
+PLACES = {
+    "actuator": (
+        "cogging",
+        "position_dependent_gain",
+        "saturation",
+        "dead_zone",
+        "input_delay",
+        "actuator_lag",
+    ),
+    "transmission": ("backlash",),
+    "sensor": ("encoder_ripple", "sensor_nonlinearity"),
+    "environment": ("constant_load", "periodic_disturbance", "drift"),
+}
+
+
+@pytest.mark.parametrize(("place", "name"), [(p, n) for p, names in PLACES.items() for n in names])
+def test_an_effect_is_located_where_the_contract_says(place, name):
+    assert EFFECTS[name].component == place
