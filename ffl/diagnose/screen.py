@@ -332,7 +332,10 @@ class Screen:
 
 
 def as_measured(scene: Scene, fit: Fit) -> Screen | None:
-    """The view beside `fit` along the motion that was measured; None where its own is much the same."""
+    """The view beside `fit` along the motion that was measured; None where its own is much the same, or
+    an observer leads it there by itself."""
+    if scene.observed:
+        return None
     if fit.cost < SWINGS * len(fit.white) or not astray(scene, fit.model):
         return None
     along = followed(scene, fit.model)
