@@ -16,7 +16,6 @@ from ffl.diagnose.stepping import aligned, damped, further_on, principal_steps
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.diagnose.whitening import Whitener
-from ffl.errors import InputError
 from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
 
@@ -84,11 +83,8 @@ class Scene:
         """y - yhat of each recording; None where the simulation leaves all bounds."""
         out = []
         for trial in self.trials:
-            try:
-                run = model.simulate(trial)
-            except InputError:
-                return None
-            if run.diverged:
+            run = model.attempt(trial)
+            if run is None:
                 return None
             out.append(trial.y - run.y)
         return out

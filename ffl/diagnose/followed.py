@@ -16,10 +16,8 @@ import numpy as np
 
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
-from ffl.diagnose.noise import Paths
 from ffl.diagnose.trials import Trial
-from ffl.errors import InputError
-from ffl.systems.state_space import Array
+from ffl.diagnose.wiener import Wiener
 
 SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 OFF = 0.01  # of the travel: a simulation further off is elsewhere than the machine
@@ -32,11 +30,8 @@ DONE = 0.5  # of what the last step left: a smaller gain ends it
 def astray(scene: Scene, model: Model) -> bool:
     """Whether `model` moves, or commands, otherwise than the machine did."""
     for trial in scene.trials:
-        try:
-            run = model.simulate(trial)
-        except InputError:
-            return False
-        if run.diverged:
+        run = model.attempt(trial)
+        if run is None:
             return False
         if np.std(trial.y - run.y) > OFF * np.ptp(trial.y):
             return True
@@ -60,33 +55,20 @@ def followed(scene: Scene, model: Model) -> Scene | None:
 
 def _led(scene: Scene, model: Model, trial: Trial) -> Trial | None:
     """The trial under the force that leaves least of its y."""
-    left = _left(model, trial)
-    if left is None:
+    run = model.attempt(trial)
+    if run is None:
         return None
-    n = 2 * len(trial)
-    f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)
-    path = scene.loop.process_sensitivity.response(f)
-    path = path.reshape(len(f), -1)[:, 0]
-    noise = scene.noise.density(Paths.of(scene.loop, f))
+    wiener, left = Wiener(scene, len(trial)), trial.y - run.y
     command = trial.u if np.all(np.isfinite(trial.u)) else trial.feedforward
     size, whole = float(np.mean(command**2)), float(left @ left)
     best, least, force = trial, whole, np.zeros(len(trial))
     for _ in range(STEPS):
-        expected = max(size, 1e-300)
-        spectrum = np.conj(path) * np.fft.rfft(left, n) / (np.abs(path) ** 2 + noise / expected)
-        force = force + np.fft.irfft(spectrum, n)[: len(trial)]
+        force = force + wiener(left, size, slow=None)
         size = float(np.mean(force**2))
         led = replace(trial, load=force if trial.load is None else trial.load + force)
-        left = _left(model, led)
-        if left is None or float(left @ left) > DONE * least:
+        run = model.attempt(led)
+        left = np.full(len(trial), np.inf) if run is None else trial.y - run.y
+        if float(left @ left) > DONE * least:
             break
         best, least = led, float(left @ left)
     return best if least < NEAR * whole else None
-
-
-def _left(model: Model, trial: Trial) -> Array | None:
-    try:
-        run = model.simulate(trial)
-    except InputError:
-        return None
-    return None if run.diverged else trial.y - run.y

@@ -119,9 +119,9 @@ def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
     basis = orthonormal(scene.whiten_stacked(like.columns))
     levels = largest * np.geomspace(LOWEST, 1.0, LEVELS)
     specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels if level > 0.0]
-    left = each(lambda spec: _left(scene, basis, like.model.with_effect(spec)), specs)
     if not specs:
         return []
+    left = each(lambda spec: _left(scene, basis, like.model.with_effect(spec)), specs)
     return [Candidate(specs[int(np.argmin(left))], 0.0, 1, Place(EFFECTS[LIMIT].port), like)]
 
 

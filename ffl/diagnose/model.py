@@ -157,6 +157,14 @@ class Model:
             substeps=self.substeps,
         )
 
+    def attempt(self, trial: Trial) -> Simulation | None:
+        """`simulate`, None where there is no such machine or it leaves all bounds."""
+        try:
+            run = self.simulate(trial)
+        except InputError:
+            return None
+        return None if run.diverged else run
+
     def plant(self) -> Plant:
         """The plant file's plant: corrections in its linear part, effects beside it."""
         plant = corrected_plant(

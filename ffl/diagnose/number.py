@@ -16,6 +16,10 @@ class Number:
     unit: str
     std_error: float | None = None
 
+    def answer(self) -> dict[str, Any]:
+        """As the contract has it."""
+        return clean({"value": self.value, "unit": self.unit, "std_error": self.std_error})
+
 
 def clean(table: dict[str, Any]) -> dict[str, Any]:
     """Without what could not be computed."""

@@ -11,14 +11,13 @@ from ffl.diagnose.formula import Formula
 from ffl.diagnose.freeform import words
 from ffl.diagnose.freemodel import FreeModel, Part
 from ffl.diagnose.linear import discrete
-from ffl.diagnose.noise import Paths
 from ffl.diagnose.screen import nothing
 from ffl.diagnose.trials import Trial
+from ffl.diagnose.wiener import Wiener, of_force
 from ffl.effects.modal import force_unit, is_speed
-from ffl.systems.state_space import Array
+from ffl.systems.state_space import Array, ComplexArray
 
 CLEAR = 0.2  # of the driver's largest: where it is smaller, dividing by it shows noise
-SLOW = 5.0  # Hz: corner of the unexplained signal that Wiener's filter expects
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     assert found is not None
     motion = found[1][part.place]
     signal = part.signal(motion)
-    wanted = signal + _beside(scene, free, part, trial, trial.y - found[0].y, signal)
+    wanted = signal + _beside(scene, free, part, trial.y - found[0].y, signal)
     plant = free.model.base.plant
     scale = free.model.simulator.force_per_input if part.place.port == "force" else 1.0
     unit = _unit(free, part)
@@ -90,24 +89,19 @@ def _unit(free: FreeModel, part: Part) -> str:
     return force_unit(plant) if part.place.port == "force" else plant.input_unit or "input"
 
 
-def _beside(
-    scene: Scene, free: FreeModel, part: Part, trial: Trial, e: Array, signal: Array
-) -> Array:
-    """The least signal at the port that explains the residual `e`, by Wiener's two-sided filter,
-    conj(G) e/(|G|^2 + noise/expected): band-limited to where the data carry it, and as good on a plant
-    whose zeros lie outside the circle."""
-    n = 2 * len(e)
-    f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)
-    response = scene.loop.system.response(f)
-    path = response[:, 0, 3] if part.place.port != "command" else response[:, 0, 2]
-    if part.place.port == "force":
+def _beside(scene: Scene, free: FreeModel, part: Part, e: Array, signal: Array) -> Array:
+    """The least signal at the port that explains the residual `e`."""
+
+    def path(f: Array) -> ComplexArray:
+        if part.place.port == "command":
+            return of_force(scene.loop, f)
+        seen = scene.loop.sensitivity.response(f)
+        if part.place.port != "force":
+            return seen
         mechanics = free.model.simulator.mechanics
         point = mechanics.point(part.place.side, part.place.mass_ratio)
         through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
         through = replace(through, fast=nothing(mechanics.sample_time))
-        path = path * discrete(through).response(f)
-    noise = scene.noise.density(Paths.of(scene.loop, f))
-    size = max(float(np.mean(signal**2)), 1e-300)
-    expected = size * 2 * np.pi * SLOW * trial.sample_time / (1 + (f / SLOW) ** 2)
-    spectrum = np.conj(path) * np.fft.rfft(e, n) / (np.abs(path) ** 2 + noise / expected)
-    return np.fft.irfft(spectrum, n)[: len(e)]
+        return seen * discrete(through).response(f)
+
+    return Wiener(scene, len(e), path)(e, float(np.mean(signal**2)))

@@ -114,11 +114,7 @@ class Diagnosis:
 
 
 def _finding(f: Finding) -> dict[str, Any]:
-    parameters = {}
-    for name, number in f.parameters.items():
-        parameters[name] = clean(
-            {"value": number.value, "unit": number.unit, "std_error": number.std_error}
-        )
+    parameters = {name: number.answer() for name, number in f.parameters.items()}
     return clean(
         {
             "name": f.name,

@@ -11,7 +11,7 @@ a second one is thought of, all siblings of the first have been fitted too.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -188,30 +188,21 @@ def _climb(
         taken = excluded(base.model) | turned_down
         if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
             taken |= TIMED
-        views = screens(quiet, base)
-        seen = [(screen, screen.candidates()) for screen in views]
-        fresh = [
-            (screen, [c for c in found if c.spec.name not in taken and c.gain > least])
-            for screen, found in seen
-        ]
-        allowed = [
-            (screen, [c for c in found if (c.spec.name not in PLIABLE) == bool(reserve)])
-            for screen, found in fresh
-        ]
+        views = [View.of(s, taken, least, bool(reserve)) for s in screens(quiet, base)]
         room = most - joined
-        sets = starts(base, allowed, room) if at_once else []
+        sets = starts(base, [(v.screen, v.allowed) for v in views], room) if at_once else []
         rivals, accepted, several = [], None, None
         if sets and sets[0].share < HIDDEN:
             accepted = several = together(quiet, held, base, sets, threshold, say)
         if several is None or _far(several):
-            entrants = _entrants(quiet, base, fresh, allowed, taken)
+            entrants = _entrants(quiet, base, views, taken)
             base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
             if sets and several is None:
                 several = together(quiet, held, base, sets, threshold, say, accepted)
         if several and (several is accepted or _above(several, accepted or base, rivals)):
             rivals, accepted = [several, *rivals], several
-        screened = [c for _, found in seen for c in found]
-        steps.append(Step(base, tuple(screened), tuple(rivals), accepted))
+        screened = tuple(c for view in views for c in view.seen)
+        steps.append(Step(base, screened, tuple(rivals), accepted))
         if accepted is None and reserve and set(base.model.names) & DRY:
             reserve, standing, last_error, again = frozenset(), base, np.inf, True
             continue
@@ -222,20 +213,33 @@ def _climb(
         held = accepted.held
 
 
+@dataclass(frozen=True)
+class View:
+    """What a `screen` has `seen`, of it what is `fresh`, and of this what is `allowed` to come in now."""
+
+    screen: Screen
+    seen: list[Candidate]
+    fresh: list[Candidate]
+    allowed: list[Candidate]
+
+    @classmethod
+    def of(cls, screen: Screen, taken: Collection[str], least: float, reserved: bool) -> View:
+        """`fresh`: not `taken`, and of more than the `least` gain; the pliable are `reserved` for last."""
+        seen = screen.candidates()
+        fresh = [c for c in seen if c.spec.name not in taken and c.gain > least]
+        allowed = [c for c in fresh if (c.spec.name not in PLIABLE) == reserved]
+        return cls(screen, seen, fresh, allowed)
+
+
 def _entrants(
-    quiet: Scene,
-    base: Judged,
-    fresh: Sequence[tuple[Screen, list[Candidate]]],
-    allowed: Sequence[tuple[Screen, list[Candidate]]],
-    taken: Collection[str],
+    quiet: Scene, base: Judged, views: Sequence[View], taken: Collection[str]
 ) -> list[Candidate]:
     """Who of those in each view is worth a fit, and whom first order overlooks."""
     # Far from what was measured first orders do not tell one point from another.
-    far = _far(base)
-    points, out = points_of(base.model), []
-    for (screen, found), (_, plain) in zip(fresh, allowed, strict=True):
-        listed = shortlist(plain, places=SHORTLIST if far else 2, points=points)
-        out += listed + overlooked(quiet, base, screen.fit, found, listed, taken)
+    places, points, out = SHORTLIST if _far(base) else 2, points_of(base.model), []
+    for view in views:
+        listed = shortlist(view.allowed, places=places, points=points)
+        out += listed + overlooked(quiet, base, view.screen.fit, view.fresh, listed, taken)
     return out
 
 

@@ -64,15 +64,7 @@ def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     start, doubt = trial.adrift
     moving = replace(trial, start=start, doubt=doubt, at_rest=False, loaded=False, travel=0.0)
     moving = _started(model, moving, whitener, MOST)
-    head = slice(0, min(len(trial), max(200, round(SECONDS / trial.sample_time))))
-    costs = []
-    for one in (trial, moving):
-        run = model.simulate(one.head(head.stop))
-        costs.append(
-            np.inf
-            if run.diverged
-            else float(np.sum(one.weighed(whitener(one.y[head] - run.y)) ** 2))
-        )
+    costs = [_cost(model, one.head(_begun(one)), whitener) for one in (trial, moving)]
     return moving if costs[1] < costs[0] - ADRIFT * model.base.simulator.n_plant else trial
 
 
@@ -86,13 +78,10 @@ def _open(scene: Scene, model: Model) -> bool:
 def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     """The trial with springs and contacts wound up before the first sample, or let go there: what its
     first second says. A machine that came to rest after a move is the one, a simulation the other."""
-    head = trial.head(min(len(trial), max(200, round(SECONDS / trial.sample_time))))
+    head = trial.head(_begun(trial))
 
     def cost(start: tuple[bool, float]) -> float:
-        run = model.simulate(replace(head, loaded=start[0], travel=start[1]))
-        return (
-            np.inf if run.diverged else float(np.sum(head.weighed(whitener(head.y - run.y)) ** 2))
-        )
+        return _cost(model, replace(head, loaded=start[0], travel=start[1]), whitener)
 
     as_is = (trial.loaded, trial.travel)
     both = (False, True) if winds(model.base.simulator, model.acting) else (trial.loaded,)
@@ -108,6 +97,18 @@ def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     return replace(trial, loaded=starts[best][0], travel=starts[best][1])
 
 
+def _begun(trial: Trial) -> int:
+    """Samples in which a start still shows."""
+    return min(len(trial), max(200, round(SECONDS / trial.sample_time)))
+
+
+def _cost(model: Model, trial: Trial, whitener: Whitener) -> float:
+    """Sum of squares that the trial leaves; infinite where the simulation leaves all bounds."""
+    run = model.simulate(trial)
+    white = np.inf if run.diverged else trial.weighed(whitener(trial.y - run.y))
+    return float(np.sum(white**2))
+
+
 def _reach(model: Model) -> float:
     return max((EFFECTS[s.name].reach(s.parameters) for s in model.acting), default=0.0)
 
@@ -119,8 +120,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
     order = np.flatnonzero(np.diag(trial.doubt) > 0)
     at = [k for k in range(n) if k < len(trial.start)]
     spread = _spread(trial, model)
-    rows = min(len(trial), max(200, round(SECONDS / trial.sample_time)))
-    whole, trial = trial, trial.head(rows)
+    whole, trial = trial, trial.head(_begun(trial))
     run = model.simulate(trial)
     if run.diverged or not len(order):
         return whole, 0.0

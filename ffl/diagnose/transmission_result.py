@@ -71,7 +71,7 @@ class Transmission:
             "terms": [
                 {
                     "name": p.name,
-                    "parameters": {k: _figure(f) for k, f in p.parameters.items()},
+                    "parameters": {k: n.answer() for k, n in p.parameters.items()},
                     "says": p.says,
                     "gain": p.gain,
                     "held_out_gain": p.held_out_gain,
@@ -94,11 +94,6 @@ class Transmission:
         if self.notes:
             out["notes"] = list(self.notes)
         return out
-
-
-def _figure(f: Number) -> dict[str, object]:
-    out: dict[str, object] = {"value": f.value, "unit": f.unit}
-    return out if f.std_error is None else out | {"std_error": f.std_error}
 
 
 def told(

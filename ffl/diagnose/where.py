@@ -10,8 +10,8 @@ import scipy.signal
 
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
-from ffl.diagnose.noise import Paths
 from ffl.diagnose.states import State
+from ffl.diagnose.wiener import Wiener
 from ffl.effects import EFFECTS
 from ffl.effects.modal import force_unit
 from ffl.systems.state_space import Array
@@ -61,8 +61,7 @@ class Forces:
 def forces(scene: Scene, model: Model) -> Forces | None:
     """The equivalent force disturbance of the first recording, band-limited to where it is seen.
 
-    The effects' own force plus the least force beside it, in the sense of Wiener's filter, that
-    explains the residual left: conj(SP) e/(|SP|^2 + noise/force^2), frequency by frequency.
+    The effects' own force plus the least force beside it (`wiener`) that explains the residual left.
     """
     kinds = [EFFECTS[e.name].port == "force" for e in model.effects]
     if not any(kinds):
@@ -72,14 +71,8 @@ def forces(scene: Scene, model: Model) -> Forces | None:
     fitted = (
         run.contribution[:, : len(kinds)][:, kinds].sum(axis=1) * model.simulator.force_per_input
     )
-    n = 2 * len(trial)
-    e = np.fft.rfft(trial.y - run.y, n)
-    f = np.maximum(np.fft.rfftfreq(n, trial.sample_time), 1e-3 / trial.sample_time / n)
-    path = scene.loop.system.response(f)[:, 0, 2]
-    noise = scene.noise.density(Paths.of(scene.loop, f))
-    size = max(float(np.mean((fitted / model.simulator.force_per_input) ** 2)), 1e-300)
-    slow = size * 2 * np.pi * 5.0 * trial.sample_time / (1 + (f / 5.0) ** 2)
-    beside = np.fft.irfft(np.conj(path) * e / (np.abs(path) ** 2 + noise / slow), n)[: len(trial)]
+    size = float(np.mean((fitted / model.simulator.force_per_input) ** 2))
+    beside = Wiener(scene, len(trial))(trial.y - run.y, size)
     return Forces(
         run.x, run.v, fitted + beside * model.simulator.force_per_input, fitted,
         force_unit(model.base.plant),
