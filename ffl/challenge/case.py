@@ -19,7 +19,7 @@ from ffl.challenge.linear import Noise
 from ffl.challenge.oracle import rivals
 from ffl.challenge.outside import OUTSIDE
 from ffl.challenge.physics import EFFECTS
-from ffl.challenge.stage import Part, assemble, run
+from ffl.challenge.stage import Part, assemble, run, whole_run
 from ffl.errors import InputError, WorkError
 
 CONCEALMENTS = ("none", "feedback", "noise", "masked", "outside", "weak")
@@ -49,7 +49,8 @@ class Trace:
 
 
 def _differences(setup, parts, k, scales, seed) -> tuple[list[np.ndarray], float] | None:
-    """Traces in y of effect k on top of the others, and the peak over y's range.
+    """Traces in y of effect k on top of the others, from the machine's start, and the peak of their
+    recorded part over y's range.
 
     None where the machine leaves its bounds.
     """
@@ -60,11 +61,12 @@ def _differences(setup, parts, k, scales, seed) -> tuple[list[np.ndarray], float
     out, peak = [], 0.0
     for j, e in enumerate(setup.fit):
         quiet = Noise() if random else None
-        y1, _ = run(with_all, setup, e, quiet, np.random.default_rng([seed, j]))
-        y0, _ = run(without, setup, e, None)
+        y1, _ = whole_run(with_all, setup, e, quiet, np.random.default_rng([seed, j]))
+        y0, _ = whole_run(without, setup, e, None)
+        out.append(y1 - y0)
+        y1, y0 = y1[e.skip :], y0[e.skip :]
         if not np.all(np.isfinite(y1)) or np.ptp(y1) > 4 * max(np.ptp(y0), 1e-12):
             return None
-        out.append(y1 - y0)
         peak = max(peak, float(np.abs(y1 - y0).max() / np.ptp(y1)))
     return out, peak
 
@@ -84,7 +86,8 @@ def _fit_size(setup, parts, scales, noise, concealment, seed):
         found = []
         for part, (traces, peak) in zip(parts, made, strict=True):
             white = lens.whiten(noise, traces)
-            power = float(np.mean(np.concatenate(traces) ** 2) / floor)
+            recorded = [x[e.skip :] for x, e in zip(traces, setup.fit, strict=True)]
+            power = float(np.mean(np.concatenate(recorded) ** 2) / floor)
             left = lens.beyond(noise, white, part.name)
             found.append(Trace(peak, power, float(white @ white), left))
         first = found[0]

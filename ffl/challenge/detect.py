@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.signal
 
 from ffl.challenge.body import FAMILIES
 from ffl.challenge.build import Build
@@ -17,13 +16,20 @@ OWN_PARAMETER = {
     "linear_stiffness": "frequency",
 }
 Traces = list[np.ndarray]  # one per fitting recording
+ROOM = 8  # times a recording's length: of what the filter's memory fades over
+FADED = 1e-6
+# Of the lowest frequency, what stands for zero, where a loop may pass no noise: with it the mean of
+# log|1 - 1/z| over the grid is what it is over the circle, none.
+NEAR_REST = 1.0 / (2.0 * np.pi)
 
 
 class Lens:
     """Sees traces in y of one machine against its noise.
 
     The energy of a whitened trace is the noncentrality of the likelihood-ratio test that knows
-    its shape; the noise itself has energy one per sample.
+    its shape; the noise itself has energy one per sample. Traces reach from where the machine starts
+    to the end of the recording, (skip + N,): what an effect left before the first sample is the past
+    of what it leaves in the recording, and only that part, (N,), counts.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -31,25 +37,37 @@ class Lens:
         plant = discrete_zpk(setup.true, setup.sample_time)
         self.responses = []
         for e in setup.fit:
-            n = len(e.reference) - e.skip
-            z = np.exp(1j * np.pi * np.maximum(np.arange(n // 2 + 1), 0.5) / (n / 2))
+            n = 1 << int(np.ceil(np.log2(ROOM * len(e.reference))))
+            z = np.exp(2j * np.pi * np.maximum(np.arange(n // 2 + 1), NEAR_REST) / n)
             feedback = np.zeros(len(z)) if setup.servo is None else setup.servo.feedback.at(z)
-            window = scipy.signal.windows.tukey(n, 0.05)
-            self.responses.append((z, plant.at(z), feedback, window))
+            self.responses.append((z, plant.at(z), feedback))
         self._tangents: dict[str, Traces] | None = None
 
     def spectrum(self, noise: Noise, k: int) -> np.ndarray:
-        """Power per sample of y's noise at the rfft frequencies of recording k."""
-        z, plant, feedback, _ = self.responses[k]
+        """Power per sample of y's noise at frequencies evenly spread over recording k's band."""
+        z, plant, feedback = self.responses[k]
         return noise.density(plant, feedback, z, self.setup.sample_time)
 
     def whiten(self, noise: Noise, traces: Traces) -> np.ndarray:
-        """Traces of all fitting recordings as one vector whose squared norm is the energy."""
+        """The recorded part of all traces as one vector whose squared norm is the energy.
+
+        Filtered by 1/H, H the causal factor with a causal inverse of the noise's spectrum |H|^2, by
+        the cepstrum: log H holds what of log|H|^2 lies at positive times, and half of that at zero.
+        A windowed periodogram in its place leaks: of a constant offset in a slow loop, whose noise
+        falls with the fourth power of frequency, it sees the edges, with twenty times the energy.
+        Traces and filter fade alike, by FADED over the grid, so that an integrator's memory does not
+        come round.
+        """
         out = []
         for k, x in enumerate(traces):
-            root = np.sqrt(self.spectrum(noise, k) * len(x) / 2)
-            f = np.fft.rfft(x * self.responses[k][3]) / root
-            out += [f.real, f.imag]
+            cepstrum = np.fft.irfft(np.log(self.spectrum(noise, k)))
+            n = len(cepstrum)
+            fade = FADED ** (np.arange(n) / n)
+            cepstrum[0] *= 0.5
+            cepstrum[n // 2 :] = 0.0
+            factor = np.exp(np.fft.rfft(cepstrum * fade))
+            faded = np.fft.irfft(np.fft.rfft(x * fade[: len(x)], n) / factor, n)
+            out.append((faded / fade)[self.setup.fit[k].skip : len(x)])
         return np.concatenate(out)
 
     @property
@@ -70,10 +88,7 @@ class Lens:
 
     def _plain(self, build: Build) -> Traces:
         s = self.setup
-        return [
-            build.run(s.servo, e.reference, e.feedforward, s.sample_time, 8)[0][e.skip :]
-            for e in s.fit
-        ]
+        return [build.run(s.servo, e.reference, e.feedforward, s.sample_time, 8)[0] for e in s.fit]
 
     def beyond(self, noise: Noise, vector: np.ndarray, effect: str) -> float:
         """Energy of a whitened trace outside what the nominal parameters can explain.

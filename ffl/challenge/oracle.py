@@ -17,7 +17,7 @@ from ffl.challenge.detect import OWN_PARAMETER, Lens
 from ffl.challenge.draw import Setup
 from ffl.challenge.linear import Noise
 from ffl.challenge.physics import EFFECTS
-from ffl.challenge.stage import Part, assemble, run
+from ffl.challenge.stage import Part, assemble, whole_run
 
 # The names that come closest, without those of which the truth is a special case.
 RIVALS: dict[str, tuple[str, ...]] = {
@@ -61,10 +61,10 @@ def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) ->
     with_all, _ = assemble(setup, [*rest, part], scales)
     without, _ = assemble(setup, rest, scales)
     lens = Lens(setup)
-    base = [run(without, setup, e, None)[0] for e in setup.fit]
+    base = [whole_run(without, setup, e, None)[0] for e in setup.fit]
 
     def traces(build: Build) -> np.ndarray | None:
-        moved = [run(build, setup, e, None)[0] for e in setup.fit]
+        moved = [whole_run(build, setup, e, None)[0] for e in setup.fit]
         if not all(np.all(np.isfinite(y)) for y in moved):
             return None
         return lens.whiten(noise, [a - b for a, b in zip(moved, base, strict=True)])

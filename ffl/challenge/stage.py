@@ -43,6 +43,12 @@ def assemble(setup: Setup, parts: list[Part], scales: Scales) -> tuple[Build, li
 
 def run(build: Build, setup: Setup, e: Experiment, noise: Noise | None, rng=None):
     """y and u of one recording; noise-free without `noise`."""
+    y, u = whole_run(build, setup, e, noise, rng)
+    return y[e.skip :], u[e.skip :]
+
+
+def whole_run(build: Build, setup: Setup, e: Experiment, noise: Noise | None, rng=None):
+    """`run` from where the machine starts, the samples before the recording included."""
     n = len(e.reference)
     sensor = force = external = lost = None
     if noise is not None:
@@ -70,4 +76,4 @@ def run(build: Build, setup: Setup, e: Experiment, noise: Noise | None, rng=None
         e.start,
     )
     build.sensor[kernel.RESOLUTION] = 0.0
-    return y[e.skip :], u[e.skip :]
+    return y, u
