@@ -27,9 +27,11 @@ NEVER_WEAK = (
     "sensor_nonlinearity",
 )
 
-# Two that are one: levels by direction hold any constant load, a spring's centre moves with it.
+# Two that are one: levels by direction hold any constant load, a spring's centre moves with it, and one
+# level beside a load is two levels.
 ONE_AND_THE_SAME = (
     {"asymmetric_friction", "constant_load"},
+    {"coulomb_friction", "constant_load"},
     {"linear_stiffness", "constant_load"},
 )
 

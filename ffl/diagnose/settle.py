@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from ffl.diagnose.candidate import Candidate
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import Fit, Scene, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, credible, earns, judge, levelled
 from ffl.diagnose.ladders import with_best_start
@@ -18,6 +18,7 @@ from ffl.diagnose.places import POINT
 from ffl.diagnose.rounds import Step
 from ffl.diagnose.screen import Screen, as_measured
 from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
 
 KEEP = 20.0  # score an effect must be worth beside all others
 RIVALS = 4  # names of the round that an effect won, the best of which are tried in its place again
@@ -36,6 +37,14 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
     }
 )
 
+
+# Forms of which a constant load beside them makes one with a level for each direction, and what of them
+# is the level at speed.
+LEVEL = {
+    "coulomb_friction": "level",
+    "stribeck_friction": "coulomb_level",
+    "presliding_friction": "level",
+}
 
 TIMED = {"periodic_disturbance", "drift"}
 
@@ -119,31 +128,52 @@ def settle(
 def one_for_two(
     quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
 ) -> Judged:
-    """A pliable form in the place of a dry friction and of a force by position beside it, which may be
-    two halves of it, where it does more than both."""
+    """One effect in the place of a dry friction and of a force beside it that may be two halves of it: a
+    pliable form for a force by position, where it does more than both; levels by direction for a level
+    and a constant load, where these are not worth one effect more."""
     names = current.model.names
     friction = next((i for i, n in enumerate(names) if n in DRY - PLIABLE), None)
     if friction is None:
         return current
-    best, goal = current, quiet.cost(current.model)
+    goal, found = quiet.cost(current.model), []
     for other, name in enumerate(names):
-        if other == friction or "position" not in EFFECTS[name].depends_on:
-            continue
-        if name in current.model.proven:
+        if other == friction or name in current.model.proven:
             continue
         company = current.model.without(max(friction, other)).without(min(friction, other))
-        like = fit(quiet, company, rounds=0)
-        for c in Screen(quiet, like).candidates(sorted(PLIABLE))[:2]:
-            start = with_best_start(quiet, like, c.spec)
-            begun = fit(quiet, start, rounds=4, known=like.known(), goal=goal)
-            if begun.cost - goal > HOPELESS * (like.cost - goal):
-                continue
-            one = refined(quiet, held, judge(quiet, held, begun.model, 6, begun), say)
-            one, two, best = levelled([one, current, best])
-            say(f"  {c.spec.name} for {names[friction]} and {name}: {one.score - two.score:+.1f}")
-            best = max(best, one, key=lambda j: j.score)
-    ahead, behind = levelled([best, current])
-    return best if ahead.score > behind.score + SUBSTITUTE else current
+        begun: list[tuple[Fit, float]] = []  # and the score by which it must be ahead
+        if "position" in EFFECTS[name].depends_on:
+            like = fit(quiet, company, rounds=0)
+            for c in Screen(quiet, like).candidates(sorted(PLIABLE))[:2]:
+                start = with_best_start(quiet, like, c.spec)
+                one = fit(quiet, start, rounds=4, known=like.known(), goal=goal)
+                if one.cost - goal <= HOPELESS * (like.cost - goal):
+                    begun.append((one, SUBSTITUTE))
+        elif whole := levels_of(current.model.effects[friction], current.model.effects[other]):
+            begun.append((fit(quiet, company.with_effect(whole), rounds=4, goal=goal), -KEEP))
+        for one, ahead in begun:
+            whole_judged = refined(quiet, held, judge(quiet, held, one.model, 6, one), say)
+            whole_judged, two = levelled([whole_judged, current])
+            gained = whole_judged.score - two.score
+            say(f"  {one.model.names[-1]} for {names[friction]} and {name}: {gained:+.1f}")
+            if gained > ahead:
+                found.append(whole_judged)
+    if not found:
+        return current
+    return max(levelled(found), key=lambda j: j.score)
+
+
+def levels_of(friction: EffectSpec, load: EffectSpec) -> EffectSpec | None:
+    """Levels by direction that are a dry `friction` beside a constant `load` in one; None where they
+    are not: a load above the level pushes even what slides its way."""
+    level = friction.parameters.get(LEVEL.get(friction.name, ""))
+    if load.name != "constant_load" or level is None:
+        return None
+    force = load.parameters["force"]
+    if abs(force) >= level:
+        return None
+    levels = {"level_positive": level - force, "level_negative": level + force}
+    options = {k: v for k, v in friction.options.items() if k in POINT}
+    return EffectSpec("asymmetric_friction", levels, options)
 
 
 def _reached(

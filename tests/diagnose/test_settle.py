@@ -1,0 +1,59 @@
+"""What stands is put to the test: one effect where two halves of it stand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.fit import Scene
+from ffl.diagnose.judging import judge
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.settle import levels_of, one_for_two
+from ffl.diagnose.trials import prepare
+from ffl.machines import Simulator
+from ffl.systems import EffectSpec
+
+NOISE = Noise(1e-7, 2e-3)
+LEVEL = EffectSpec("coulomb_friction", {"level": 3.0}, {"side": "motor"})
+LOAD = EffectSpec("constant_load", {"force": 0.5})
+
+
+def test_a_level_beside_a_load_is_a_level_for_each_direction(stage):  # type: ignore[no-untyped-def]
+    reference = 0.01 * (1.0 - np.cos(np.arange(4000) * 2e-3))
+    simulator = Simulator(stage)
+    two = simulator.run((LEVEL, LOAD), reference).y
+    one = simulator.run((levels_of(LEVEL, LOAD),), reference).y
+    np.testing.assert_allclose(one, two, atol=1e-9 * np.abs(two).max())
+
+
+def test_a_load_above_the_level_stays_a_load() -> None:
+    assert levels_of(LEVEL, replace(LOAD, parameters={"force": -3.5})) is None
+    assert levels_of(LEVEL, EffectSpec("viscous_friction", {"damping": 1.0})) is None
+    assert levels_of(EffectSpec("hysteresis", {"force": 1.0}), LOAD) is None
+
+
+@pytest.mark.parametrize(
+    ("friction", "one"),
+    [
+        (LEVEL, True),
+        (EffectSpec("stribeck_friction", {"coulomb_level": 3.0, "static_level": 5.0,
+                                          "stribeck_velocity": 0.02}, {"side": "motor"}), False),
+    ],
+)  # fmt: skip
+def test_two_halves_are_one_unless_the_friction_says_more(stage, record, friction, one):  # type: ignore[no-untyped-def]
+    recordings = record(replace(stage, effects=(friction, LOAD)))
+    base = Base.of(stage, max(float(np.ptp(r.y)) for r in recordings))
+    trials = tuple(prepare(base.simulator, r, 1e-7) for r in recordings)
+    scene = Scene(stage.loop, trials, NOISE)
+    lines: list[str] = []
+    judged = judge(scene, None, replace(Model(base), effects=(friction, LOAD)), rounds=4)
+    found = one_for_two(scene, None, judged, lines.append).model
+    assert any("asymmetric_friction" in line for line in lines)
+    if not one:
+        assert found.names == judged.model.names
+        return
+    assert found.names == ("asymmetric_friction",)
+    levels = found.effects[0].parameters
+    assert levels["level_positive"] == pytest.approx(2.5, rel=0.02)
+    assert levels["level_negative"] == pytest.approx(3.5, rel=0.02)
