@@ -1,7 +1,8 @@
-"""Harmonics of a cogging: tried once the cogging stands, each kept as long as it pays.
+"""Harmonics of what repeats along the position: tried once it stands, each kept as long as it pays.
 
-A magnet track's force is no pure sine. What its harmonics leave repeats along the position too, and
-would otherwise be said a second time, as a ripple of the scale or another cogging of half the period.
+A magnet track's force is no pure sine, nor is what an encoder's tracks add. What the harmonics leave
+repeats along the position too, and would otherwise be said a second time, as a ripple of the scale
+beside a cogging, or as a cogging of half the period beside a ripple.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged, judge, levelled
 from ffl.diagnose.model import Model
 from ffl.diagnose.screen import orthonormal
-from ffl.effects.periods import harmonics
+from ffl.effects import EFFECTS
+from ffl.effects.periods import Repeating, harmonics
 
-NAME = "cogging"
 MOST = 4  # the fundamental counted
 GLIMPSE = 0.1  # of the fundamental's amplitude: what is simulated to see where a harmonic would act
 LEAST = 3.0  # score that a harmonic must bring, its two numbers charged
@@ -25,37 +26,44 @@ LEAST = 3.0  # score that a harmonic must bring, its two numbers charged
 def with_harmonics(
     quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]
 ) -> Judged:
-    """`judged` with the harmonics of its cogging that pay in the fitted and the held-out recordings
-    together, up to the fourth; one that brings nothing ends the search."""
+    """`judged` with the harmonics of what repeats along the position in it that pay in the fitted and the
+    held-out recordings together, up to the fourth; one that brings nothing ends the search."""
     current = judged
-    while NAME in current.model.names:
-        order = len(harmonics(_values(current.model))) + 1
-        if order > MOST:
-            break
-        start = _started(quiet, current, order)
+    for name in judged.model.names:
+        if isinstance(EFFECTS[name], Repeating):
+            current = _with_harmonics_of(name, quiet, held, current, say)
+    return current
+
+
+def _with_harmonics_of(
+    name: str, quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
+) -> Judged:
+    index = current.model.names.index(name)
+    while (order := len(harmonics(_values(current.model, index))) + 1) <= MOST:
+        start = _started(quiet, current, index, order)
         if start is None:
             break
         other = judge(quiet, held, start, 6, current.fit)
         a, b = levelled([other, current])
         say(
-            f"  harmonic {order} of {NAME}: {a.fitted - b.fitted:+.1f} fitted, "
+            f"  harmonic {order} of {name}: {a.fitted - b.fitted:+.1f} fitted, "
             f"{a.held_out - b.held_out:+.1f} held out"
         )
-        if a.score < b.score + LEAST or not _values(other.model)[f"amplitude_{order}"]:
+        if a.score < b.score + LEAST or not _values(other.model, index)[f"amplitude_{order}"]:
             break
         current = other
     return current
 
 
-def _started(scene: Scene, judged: Judged, order: int) -> Model | None:
+def _started(scene: Scene, judged: Judged, index: int, order: int) -> Model | None:
     """The model with the harmonic that first order asks for beside the numbers that are free."""
     base = scene.residuals(judged.model)
     if base is None:
         return None
-    size = GLIMPSE * _values(judged.model)["amplitude"]
+    size = GLIMPSE * _values(judged.model, index)["amplitude"]
     columns = []
     for phase in (0.0, 0.5 * np.pi):
-        moved = scene.residuals(_with(judged.model, order, size, phase))
+        moved = scene.residuals(_with(judged.model, index, order, size, phase))
         if moved is None:
             return None
         columns.append(scene.whiten([b - m for b, m in zip(base, moved, strict=True)]))
@@ -63,16 +71,18 @@ def _started(scene: Scene, judged: Judged, order: int) -> Model | None:
     table, white = np.column_stack(columns), scene.whiten(base)
     table, white = table - free @ (free.T @ table), white - free @ (free.T @ white)
     sine, cosine = np.linalg.lstsq(table, white, rcond=1e-12)[0]
-    return _with(
-        judged.model, order, size * float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
-    )
+    amplitude, phase = float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
+    return _with(judged.model, index, order, size * amplitude, phase)
 
 
-def _values(model: Model) -> dict[str, float]:
-    return dict(model.effects[model.names.index(NAME)].parameters)
+def _values(model: Model, index: int) -> dict[str, float]:
+    return dict(model.effects[index].parameters)
 
 
-def _with(model: Model, order: int, amplitude: float, phase: float) -> Model:
-    index = model.names.index(NAME)
-    values = {**_values(model), f"amplitude_{order}": amplitude, f"phase_{order}": phase}
+def _with(model: Model, index: int, order: int, amplitude: float, phase: float) -> Model:
+    values = {
+        **_values(model, index),
+        f"amplitude_{order}": amplitude,
+        f"phase_{order}": phase,
+    }
     return model.with_parameters(index, values)

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters
+from ffl.effects.base import Parameter, Parameters
 from ffl.effects.law import MEAN, X0
-from ffl.effects.periods import sine_pair, wave_numbers
+from ffl.effects.periods import Repeating, harmonics, series
 from ffl.systems.plant import Plant
-from ffl.systems.state_space import Array
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: amplitude, period, phase."""
-    io[MEAN] += p[0] * np.sin(2.0 * np.pi * io[X0] / p[1] + p[2])
+    """p: as `series` has them."""
+    error, _ = series(p, io[X0])
+    io[MEAN] += error
 
 
-class EncoderRipple(Effect):
-    """y + amplitude sin(2 pi x/period + phase)."""
+class EncoderRipple(Repeating):
+    """y + sum_i amplitude_i sin(2 pi i x/period + phase_i): offsets of the sine and cosine tracks make
+    the first, unequal gains and the bend of the arctangent the second."""
 
     name = "encoder_ripple"
     component = "sensor"
@@ -28,27 +29,16 @@ class EncoderRipple(Effect):
         Parameter("period", "x", lower=1e-12, linear=False),
         Parameter("phase", "rad", lower=-np.inf, default=0.0),
     )
-    depends_on = ("position",)
     siblings = ("cogging", "periodic_disturbance", "sensor_nonlinearity")
-    scan = "position"
     law = staticmethod(_law)
 
     def shown(self, values: Parameters, position: float) -> float:
-        angle = 2.0 * np.pi * position / values["period"] + values["phase"]
-        return position + float(values["amplitude"] * np.sin(angle))
-
-    def grid(self, motion: Motion) -> list[dict[str, float]]:
-        return [{"period": 1.0 / k} for k in wave_numbers(motion)]
-
-    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
-        angle = 2 * np.pi * motion.x / nonlinear["period"]
-        return np.column_stack([np.sin(angle), np.cos(angle)])
-
-    def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
-        return {**nonlinear, **sine_pair(coefficients)}
+        angle = 2.0 * np.pi * position / values["period"]
+        pairs = enumerate(harmonics(values), 1)
+        return position + float(sum(a * np.sin(k * angle + phi) for k, (a, phi) in pairs))
 
     def says(self, values: Parameters, plant: Plant) -> str:
         return (
             f"The sensor's scale has a ripple of {self.quantity(values, 'amplitude', plant)} that "
-            f"repeats every {self.quantity(values, 'period', plant)}."
+            f"repeats every {self.quantity(values, 'period', plant)}{self.more(values)}."
         )

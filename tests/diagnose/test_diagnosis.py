@@ -134,6 +134,22 @@ def test_cogging_is_told_with_its_harmonic_and_nothing_else(stage, record):  # t
     assert check["nrmse_after"] < 2.0 * check["noise_floor"] < 0.01 * check["nrmse_before"]
 
 
+def test_a_ripple_of_two_tracks_is_told_with_its_harmonic_and_nothing_else(stage, record):  # type: ignore[no-untyped-def]
+    """Offsets of sine and cosine tracks, read by the arctangent, repeat at half the period too: no
+    cogging."""
+    turn = 2 * np.pi / 0.0213
+    amplitude = 0.02 / turn  # offsets of 2 % of the tracks
+    true = {"amplitude": amplitude, "period": 0.0213, "phase": 0.4,
+            "amplitude_2": 0.5 * turn * amplitude**2, "phase_2": 0.8 + 0.5 * np.pi}  # fmt: skip
+    fit, judge = record(replace(stage, effects=(EffectSpec("encoder_ripple", true),)))
+    answer = diagnose(stage, [fit], [judge], rng=np.random.default_rng(0)).answer()
+    assert [e["name"] for e in answer["effects"]] == ["encoder_ripple"]
+    found = answer["effects"][0]["parameters"]
+    for name, value in true.items():
+        error = max(4 * found[name]["std_error"], 1e-3 * value)
+        assert found[name]["value"] == pytest.approx(value, abs=error), name
+
+
 def test_a_loop_at_rest_stands_where_a_rippled_scale_shows_the_reference(stage, record):  # type: ignore[no-untyped-def]
     """The recording begins after the loop has settled; the model begins there too."""
     ripple = EffectSpec("encoder_ripple", {"amplitude": 5e-5, "period": 0.021, "phase": 1.0})
