@@ -180,29 +180,17 @@ def _climb(
             turned_down = set()
         last_error = error
         joined = sum(len(step.joined) for step in steps)
-        if joined == most or len(steps) == ROUNDS * most:
-            return Outcome(base, steps, held, contenders)
-        least = (
-            FAINT if steps else FAINT / 2
-        )  # what hides in the noise of the first round may be faint
-        taken = excluded(base.model) | turned_down
-        if scene.free_clocks and taken & TIMED:  # an unknown clock can be set by one of them only
-            taken |= TIMED
-        views = [View.of(s, taken, least, bool(reserve)) for s in screens(quiet, base)]
-        room = most - joined
-        sets = starts(base, [(v.screen, v.allowed) for v in views], room) if at_once else []
-        rivals, accepted, several = [], None, None
-        if sets and sets[0].share < HIDDEN:
-            accepted = several = together(quiet, held, base, sets, threshold, say)
-        if several is None or _far(several):
-            entrants = _entrants(quiet, base, views, taken)
-            base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
-            if sets and several is None:
-                several = together(quiet, held, base, sets, threshold, say, accepted)
-        if several and (several is accepted or _above(several, accepted or base, rivals)):
-            rivals, accepted = [several, *rivals], several
-        screened = tuple(c for view in views for c in view.seen)
-        steps.append(Step(base, screened, tuple(rivals), accepted))
+        accepted = None
+        if joined < most and len(steps) < ROUNDS * most:
+            taken = excluded(base.model) | turned_down
+            if scene.free_clocks and taken & TIMED:
+                taken |= TIMED  # an unknown clock can be set by one of them only
+            # What hides in the noise of the first round may be faint.
+            least = FAINT if steps else FAINT / 2
+            views = [View.of(s, taken, least, bool(reserve)) for s in screens(quiet, base)]
+            room = most - joined if at_once else 0
+            steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
+            base, accepted = steps[-1].before, steps[-1].accepted
         if accepted is None and reserve and set(base.model.names) & DRY:
             reserve, standing, last_error, again = frozenset(), base, np.inf, True
             continue
@@ -211,6 +199,33 @@ def _climb(
         standing, again, barred = accepted, False, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _round(
+    quiet: Scene,
+    held: Scene | None,
+    base: Judged,
+    views: Sequence[View],
+    taken: Collection[str],
+    room: int,
+    threshold: float,
+    say: Callable[[str], None],
+) -> Step:
+    """Who joins `base`, of those whom the `views` show: one effect, or a set of up to `room` at once."""
+    sets = starts(base, [(v.screen, v.allowed) for v in views], room) if room else []
+    rivals: list[Judged] = []
+    accepted, several = None, None
+    if sets and sets[0].share < HIDDEN:
+        accepted = several = together(quiet, held, base, sets, threshold, say)
+    if several is None or _far(several):
+        entrants = _entrants(quiet, base, views, taken)
+        base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
+        if sets and several is None:
+            several = together(quiet, held, base, sets, threshold, say, accepted)
+    if several and (several is accepted or _above(several, accepted or base, rivals)):
+        rivals, accepted = [several, *rivals], several
+    screened = tuple(c for view in views for c in view.seen)
+    return Step(base, screened, tuple(rivals), accepted)
 
 
 @dataclass(frozen=True)
