@@ -133,7 +133,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 best = tried
         if best is not None and _misfit(current, best) < LOSS * _misfit(current, current):
             current = best
-    return _preloaded(_evened(held, _netted(held, current)))
+    return _preloaded(held, _evened(held, _netted(held, current)))
 
 
 def renamed(judged: Judged) -> Judged:
@@ -256,10 +256,11 @@ def _evened(held: Scene | None, judged: Judged) -> Judged:
     return tried if tried.score > judged.score - TIE else judged
 
 
-def _preloaded(judged: Judged) -> Judged:
+def _preloaded(held: Scene | None, judged: Judged) -> Judged:
     """A spring whose centre lies where the machine never was is a spring and a constant load: no
     recording tells the way to such a centre from a load. It is counted from 0 then, and the load
-    has the rest; where 0 was not passed either, only if the centre is farther than the travel."""
+    has the rest; where 0 was not passed either, only if the centre is farther than the travel. A
+    spring that beside the load is not worth an effect goes."""
     model = judged.model
     if "linear_stiffness" not in model.names or "constant_load" in model.names:
         return judged
@@ -273,7 +274,10 @@ def _preloaded(judged: Judged) -> Judged:
         return judged
     load = EffectSpec("constant_load", {"force": stiffness * centre}, dict(spring.options))
     split = model.with_parameters(index, {"stiffness": stiffness}).with_effect(load)
-    return _as_it_stands(judged, split)
+    split_judged = _as_it_stands(judged, split)
+    alone = judge(judged.scene, held, split.without(index), 8, split_judged.fit)
+    alone, both = levelled([alone, split_judged])
+    return alone if alone.score > both.score - KEEP else both
 
 
 def _as_it_stands(judged: Judged, model: Model) -> Judged:
