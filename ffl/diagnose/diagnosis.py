@@ -120,7 +120,7 @@ def _diagnose_output(
         if stands is None
         else replace(nominal, effects=(stands,), proven=frozenset({stands.name}))
     )
-    if looks_folded(model, recordings) and (other := unfolded(model, short, short_held)):
+    if looks_folded(model, recordings) and (other := unfolded(model, short)):
         say("the output turns back at zero: the linear part is learned through a sign-blind sensor")
         folded, folded_held = folded_scenes(other, scene, short, short_held)
         anew = Model(Base.of(other, base.travel, base.until), effects=(RECTIFIED,))

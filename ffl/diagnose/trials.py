@@ -48,6 +48,7 @@ class Trial:
     travel: float = 0.0  # in one direction until the first sample, as near as it is known
     loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
     adrift: tuple[Array, Array] | None = None  # start and doubt, were it not at rest after all
+    off: bool = False  # the drive was off until the first sample
     unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
 
     def __len__(self) -> int:
@@ -56,8 +57,8 @@ class Trial:
     @property
     def before(self) -> float:
         """The command held until the first sample, as near as it is known: the first one, input
-        units. A machine that holds a spring has had it for long."""
-        return self._driven(1)
+        units; none where the drive was off. A machine that holds a spring has had it for long."""
+        return 0.0 if self.off else self._driven(1)
 
     @property
     def holding(self) -> float:

@@ -7,7 +7,7 @@ recording looks folded the linear part is fitted again with |x| for y, from star
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +30,7 @@ TOUCHES = 3
 MOST = 3000  # samples that the search looks at
 RESONANCES = 8
 ROUNDS = 400
+FIRST = 0.7  # of a recording: what each start is fitted to
 
 
 def looks_folded(plant: Plant, recordings: Sequence[Recording]) -> bool:
@@ -46,35 +47,39 @@ def looks_folded(plant: Plant, recordings: Sequence[Recording]) -> bool:
     return any(r.u.min() < -BELOW * np.abs(r.u).max() < 0.0 < r.u.max() for r in recordings)
 
 
-def unfolded(
-    plant: Plant, recordings: Sequence[Recording], judging: Sequence[Recording]
-) -> Plant | None:
-    """`plant` with the linear part, of the same order, whose magnitude fits `recordings` best among
-    all converged starts; judged on `judging` as well."""
+def unfolded(plant: Plant, recordings: Sequence[Recording]) -> Plant | None:
+    """`plant` with a linear part of the same order whose magnitude fits `recordings`: of all converged
+    starts, each fitted to the first `FIRST` of every recording, the one that foretells the rest best
+    (what fits best may only imitate the folds), fitted to all of them then."""
     order = len(plant.system.poles)
     step = plant.sample_time
-    fitted = [(r.u[:MOST], r.y[:MOST]) for r in recordings]
-    held = [(r.u[:MOST], r.y[:MOST]) for r in judging]
+    signals = [(r.u[:MOST], r.y[:MOST]) for r in recordings]
+    cuts = [round(FIRST * len(u)) for u, _ in signals]
 
-    def error(theta: Array, signals: Sequence[tuple[Array, Array]]) -> Array:
+    def errors(theta: Array) -> list[Array]:
         b, a = _polynomials(theta, order, step)
         with np.errstate(all="ignore"):
             parts = [np.abs(scipy.signal.lfilter(b, a, u)) - y for u, y in signals]
-        return np.nan_to_num(np.concatenate(parts), nan=1e6, posinf=1e6, neginf=-1e6)
+        return [np.nan_to_num(p, nan=1e6, posinf=1e6, neginf=-1e6) for p in parts]
 
-    best: tuple[float, Array] | None = None
-    for start in _starts(order, step, max(len(u) for u, _ in fitted), fitted):
-        found = scipy.optimize.least_squares(
-            error, start, method="lm", max_nfev=ROUNDS, args=(fitted,)
-        ).x
-        cost = float(np.mean(error(found, fitted) ** 2) + np.mean(error(found, held) ** 2))
-        if best is None or cost < best[0]:
-            best = cost, found
-    if best is None:
+    def first(theta: Array) -> Array:
+        return np.concatenate([e[:cut] for e, cut in zip(errors(theta), cuts, strict=True)])
+
+    def rest(theta: Array) -> Array:
+        return np.concatenate([e[cut:] for e, cut in zip(errors(theta), cuts, strict=True)])
+
+    def refined(error: Callable[[Array], Array], theta: Array) -> Array:
+        return scipy.optimize.least_squares(error, theta, method="lm", max_nfev=ROUNDS).x
+
+    starts = _starts(order, step, max(len(u) for u, _ in signals), signals)
+    found = [refined(first, start) for start in starts]
+    if not found:
         return None
-    padded, _ = _polynomials(best[1], order, step)
+    best = min(found, key=lambda theta: np.mean(rest(theta) ** 2))
+    theta = refined(lambda theta: np.concatenate(errors(theta)), best)
+    padded, _ = _polynomials(theta, order, step)
     numerator = np.trim_zeros(padded, "f")
-    system = Zpk(np.roots(numerator), _poles(best[1], order, step), float(numerator[0]), step)
+    system = Zpk(np.roots(numerator), _poles(theta, order, step), float(numerator[0]), step)
     if np.abs(system.poles).max() >= 1.0:
         return None
     kept = tuple(e for e in plant.effects if e.name != "constant_load")
@@ -97,11 +102,12 @@ def folded_scenes(
 
 
 def from_rest(trial: Trial) -> Trial:
-    """The trial from rest where its output begins near zero: a folded output tells no state."""
+    """The trial from rest, its drive off until then, where its output begins near zero: a folded output
+    tells no state."""
     if abs(trial.y[0]) > NEAR * np.abs(trial.y).max():
         return trial
     nothing = np.zeros_like
-    return replace(trial, start=nothing(trial.start), doubt=nothing(trial.doubt))
+    return replace(trial, start=nothing(trial.start), doubt=nothing(trial.doubt), off=True)
 
 
 def _poles(theta: Array, order: int, step: float) -> np.ndarray:
