@@ -26,6 +26,7 @@ from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.unnamed import Contest, compare
 from ffl.diagnose.verdict import LOUD, loudness, verdict
+from ffl.diagnose.warmth import with_warmth
 from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
@@ -69,7 +70,7 @@ def conclude(
         quiet = replace(quiet, noise=lost.fitted.scene.noise)
     proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, running, observed)
     if maps:
-        proof = with_map(proof, held, maps)
+        proof = with_map(proof, with_warmth(held, maps), maps)
     effects = standing.model.effects
     said, place = verdict(model, standing, nameless)
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]

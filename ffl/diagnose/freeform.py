@@ -24,7 +24,7 @@ from ffl.diagnose.freemodel import (
     evidence,
     tables_of,
 )
-from ffl.diagnose.freestep import ROUNDS, stepped
+from ffl.diagnose.freestep import ROUNDS, STILL, stepped
 from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, PASSES, QUIET, UNTOLD, effective, promise
 from ffl.diagnose.model import Model
@@ -33,6 +33,7 @@ from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place, places_of
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.terms import TERMS, Term, ranges_of
+from ffl.diagnose.warmth import feels_heat, first_warmth, warmed, with_warmth
 from ffl.systems.state_space import Array
 
 LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
@@ -179,7 +180,8 @@ def _judged(
         left = scene.whiten(residuals)
     white, known = np.zeros(0), np.zeros(0, bool)
     if held is not None and held.trials:
-        judged = replace(held, noise=scene.noise)
+        held = with_warmth(replace(held, noise=scene.noise), free)
+        judged = held
         runs = [free.simulate(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
@@ -234,14 +236,16 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         return None
     least = max(WORTH, FAR_BEHIND * ranked[0][0].gain)
 
-    def begun(entry: tuple[Evidence, Part]) -> FreeForm | None:
-        found, part = entry
+    def begun(entry: tuple[Evidence, Part, Sequence[float]]) -> FreeForm | None:
+        found, part, warmth = entry
         start = FreeModel(current.free.model, (*current.parts, part))
-        return _fitted(screen, start, held, current.evidence, found.gain, 1)
+        return _fitted(
+            screen.of(warmed(scene, warmth)), start, held, current.evidence, found.gain, 1
+        )
 
     def finished(f: FreeForm) -> FreeForm:
-        f = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
-        return _started(f)
+        f = _fitted(screen.of(f.scene), f.free, held, f.evidence, np.inf, ROUNDS) or f
+        return _started(_settled(screen, f))
 
     worth = [entry for entry in ranked[:TRIED] if entry[0].gain >= least]
     tried = [f for f in each(begun, worth) if f is not None]
@@ -255,7 +259,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     least = min(f.cost for f in done if _score(f, current) >= SIMPLER * top)
     near = [f for f in done if _score(f, current) >= SIMPLER * top and f.cost <= NO_WORSE * least]
     best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)))
-    listed = tuple(Ranked(p.term.name, words(p.place), e.gain) for e, p in ranked)
+    listed = tuple(Ranked(p.term.name, words(p.place), e.gain) for e, p, _ in ranked)
     untold = _promise(current, best) < HELD_WORTH
     return replace(_quieter(best), ranking=current.ranking or listed, untold=untold)
 
@@ -269,23 +273,45 @@ def words(place: Place) -> str:
 
 def _ranked(
     screen: FreeScreen, current: FreeForm, entries: Sequence[tuple[Term, Place]], target: Array
-) -> list[tuple[Evidence, Part]]:
-    """First-order evidence of every map, best first, from as many rows as are needed to rank them."""
+) -> list[tuple[Evidence, Part, Sequence[float]]]:
+    """First-order evidence of every map, best first, from as many rows as are needed to rank them; with
+    what the recordings began warm with, where the map feels heat."""
     motions = _motions(current.free, screen.scene, [p for _, p in entries])
     if motions is None:
         return []
     every = max(1, len(target) // ROWS)
 
-    def promise(entry: tuple[Term, Place]) -> tuple[Evidence, Part]:
+    def promise(entry: tuple[Term, Place]) -> tuple[Evidence, Part, Sequence[float]]:
         term, place = entry
         span = ranges_of([m[place] for m in motions])
-        table = screen.beyond(tables_of(screen, [entry], [span], motions)[0])
-        found = evidence(term, span, table[::every], target[::every])
+        warmth: Sequence[float] = ()
+        if feels_heat(term):
+            found, warmth = first_warmth(
+                screen, term, place, span, [m[place] for m in motions], target, every
+            )
+        else:
+            table = screen.beyond(tables_of(screen, [entry], [span], motions)[0])
+            found = evidence(term, span, table[::every], target[::every])
         found = replace(found, gain=found.gain * every)
         blank = np.zeros(len(term.kernel(span, 1.0)))
-        return found, Part(term, place, blank, span, found.length)
+        return found, Part(term, place, blank, span, found.length), warmth
 
     return sorted(each(promise, entries), key=lambda item: -item[0].gain)
+
+
+def _settled(screen: FreeScreen, f: FreeForm) -> FreeForm:
+    """Heat maps and what the recordings began warm with, by turns, as long as that brings much."""
+    for _ in range(PASSES):
+        other = screen.of(with_warmth(f.scene, f.free))
+        if other.scene is f.scene:
+            break
+        again = _fitted(other, f.free, f.held, f.evidence, np.inf, ROUNDS)
+        if again is None or not again.cost < f.cost:
+            break
+        f, gained = again, f.cost - again.cost
+        if gained < STILL * f.cost:
+            break
+    return f
 
 
 def _started(f: FreeForm) -> FreeForm:

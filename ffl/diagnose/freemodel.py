@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -199,6 +200,12 @@ class FreeScreen(Screen):
     def __init__(self, scene: Scene, model: Model) -> None:
         super().__init__(scene, fit(scene, model, rounds=0))
 
+    def of(self, scene: Scene) -> FreeScreen:
+        """The same along another scene, whose recordings began otherwise."""
+        other = copy.copy(self)
+        other.scene = scene
+        return other
+
     def from_nominal(self, model: Model) -> Array:
         """What the believed numbers of `model` do to the whitened y, (N,)."""
         own = np.isfinite([c.doubt for c in model.coordinates])
@@ -208,6 +215,7 @@ class FreeScreen(Screen):
 def _seen(motion: Motion, place: Place, trial: Trial) -> Motion:
     """The motion that a map at `place` sees. A limit cuts off what feedback then asks for again: its
     repetition does not come to rest, and the command as recorded is what was cut."""
+    motion = replace(motion, warm=trial.warm) if trial.warm else motion
     if place.side != SENT or not np.all(np.isfinite(trial.u)):
         return motion
     return replace(motion, u=trial.u)

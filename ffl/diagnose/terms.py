@@ -181,12 +181,12 @@ def memories(ranges: Ranges) -> Array:
     return np.geomspace(4 * step, duration, MEMORIES)
 
 
-def low_pass(x: Array, tau: float, step: float) -> Array:
-    """First-order lag from rest."""
+def low_pass(x: Array, tau: float, step: float, begun: float = 0.0) -> Array:
+    """First-order lag that stood at `begun` before the first sample."""
     from scipy.signal import lfilter
 
     a = np.exp(-step / tau)
-    return lfilter([1 - a], [1, -a], x)
+    return lfilter([1 - a], [1, -a], x, zi=[a * begun])[0]
 
 
 def _faded(m: Motion, ranges: Ranges, taus: Array) -> Array:
@@ -195,7 +195,7 @@ def _faded(m: Motion, ranges: Ranges, taus: Array) -> Array:
 
 
 def _heat(m: Motion, ranges: Ranges, taus: Array) -> Array:
-    return np.column_stack([low_pass(m.u**2, tau, m.sample_time) for tau in taus])
+    return np.column_stack([low_pass(m.u**2, tau, m.sample_time, m.warm) for tau in taus])
 
 
 def _hot_gain(m: Motion, ranges: Ranges, taus: Array) -> Array:

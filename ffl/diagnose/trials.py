@@ -50,6 +50,7 @@ class Trial:
     adrift: tuple[Array, Array] | None = None  # start and doubt, were it not at rest after all
     off: bool = False  # the drive was off until the first sample
     unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
+    warm: float = 0.0  # squared command that had warmed the machine before (see `warmth`)
 
     def __len__(self) -> int:
         return len(self.y)

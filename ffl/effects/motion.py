@@ -15,7 +15,8 @@ class Motion:
 
     `t` s; `r` reference; `u` command as sent; `x`, `v`, `a` position, velocity and acceleration of
     the point where an effect acts (output units and their time derivatives), noise-free; `mass` of
-    the moving part (force unit s^2 / output unit; 1/`Mechanics` residue).
+    the moving part (force unit s^2 / output unit; 1/`Mechanics` residue); `warm` what the machine was
+    warmed with before the first sample, in squares of the command.
     """
 
     t: Array
@@ -26,6 +27,7 @@ class Motion:
     a: Array
     sample_time: float
     mass: float = 1.0
+    warm: float = 0.0
 
     @classmethod
     def of_reference(cls, r: Array, sample_time: float, mass: float = 1.0) -> Motion:
