@@ -251,7 +251,10 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     tried = [f for f in each(begun, worth) if f is not None]
     # Those that help where nothing was fitted come first, however much others take off what was.
     tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
-    done = each(finished, tried[:FINISHED])  # those that matter go on to convergence
+    matter = tried[:FINISHED]
+    if worth:  # who promises most may begin furthest from where it ends
+        matter += [f for f in tried[FINISHED:] if f.parts[-1].same(worth[0][1])]
+    done = each(finished, matter)  # those that matter go on to convergence
     done = [f for f in done if _earns(f, current)]
     top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:

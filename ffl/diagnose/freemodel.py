@@ -39,6 +39,10 @@ class Part:
     ranges: Ranges
     length: float = 1.0
 
+    def same(self, other: Part) -> bool:
+        """The same family of maps at the same place."""
+        return self.term is other.term and self.place == other.place
+
     def signal(self, motion: Motion) -> Array:
         """The map along a motion, (N,): force or command in input units, or output units."""
         return self.term.signal(motion, self.ranges, self.coefficients)
