@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.special
 from numba import njit
 
 from ffl.diagnose.doubt import judged_by
@@ -24,7 +25,9 @@ from ffl.systems.state_space import Array
 
 CERTAIN = 6.0  # log-likelihood that a sample must bring: one in four hundred is lost
 WORTH = 40.0  # log-likelihood that all samples must bring beyond `CERTAIN` each
-ALIKE = 0.25  # of it that forces of the other sign may reach
+# Of it that forces of the other sign may reach: where commands change sign from sample to sample they
+# are another sample's and reach 0.28 of it.
+ALIKE = 0.5
 MOST = 0.5  # of the samples that could be seen to be lost: more is a delay
 AGAIN = 0.3  # of what is to be expected of recordings that judge, from which they are asked
 ENERGY = 0.999  # of what one sample does to the residual, from which its length is taken
@@ -35,13 +38,13 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Search:
-    """`scene` with what the lost samples are worth as loads; `lost` samples of the `able` ones, which
-    would bring more than `CERTAIN`; log-likelihood that they bring beyond it, that those of the
-    other sign would, and `promise`: that all samples would in the mean, had they been lost."""
+    """`scene` with what the lost samples are worth as loads; `lost` samples of the `able` ones, those that
+    would bring more than `CERTAIN` in the mean; log-likelihood that they bring beyond it, that those
+    of the other sign would, and `promise`: that all samples would in the mean, had they been lost."""
 
     scene: Scene
     lost: int
-    able: int
+    able: float
     gain: float
     other: float
     promise: float
@@ -57,7 +60,7 @@ class Search:
 
     @property
     def rate(self) -> float:
-        return self.lost / max(self.able, 1)
+        return self.lost / max(self.able, 1.0)
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     trials = [*scene.trials, *(judging.trials if judging else ())]
     if scene.observed or not all(np.all(np.isfinite(t.u)) for t in trials):
         return None
-    model, search = nominal, Search(scene, 0, 0, 0.0, 0.0, 0.0)
+    model, search = nominal, Search(scene, 0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(PASSES):
         found = fit(search.scene, model, rounds=ROUNDS)
         model = found.model
@@ -134,19 +137,31 @@ def _searched(scene: Scene, model: Model) -> Search | None:
         return None
     cuts = np.cumsum([len(t) for t in scene.trials])[:-1]
     pieces = np.split(scene.judge(residuals), cuts)
-    trials, count, able, gain, other, promise = [], 0, 0, 0.0, 0.0, 0.0
+    trials, count, able, gain, other, promise = [], 0, 0.0, 0.0, 0.0, 0.0
     for trial, whitener, white in zip(scene.trials, scene.whiteners, pieces, strict=True):
         trace = _trace(scene, whitener, len(trial))
         power = np.correlate(trace, trace, "full")[len(trace) - 1 :]
         seen = np.correlate(np.append(white, np.zeros(len(trace) - 1)), trace, "valid")
         lost, brought = _pursued(trial.u, seen.copy(), power, CERTAIN, 1.0)
         other += _pursued(trial.u, seen, power, CERTAIN, -1.0)[1]
-        each = 0.5 * power[0] * np.diff(trial.u) ** 2
-        able += int(np.sum(each > CERTAIN))
-        promise += float(np.sum(np.maximum(each - CERTAIN, 0.0)))
+        seen_of, worth = expected(0.5 * power[0] * np.diff(trial.u) ** 2)
+        able += seen_of
+        promise += worth
         trials.append(_loaded(trial, lost))
         count, gain = count + int(np.sum(lost)), gain + brought
     return Search(replace(scene, trials=tuple(trials)), count, able, gain, other, promise)
+
+
+def expected(worth: Array) -> tuple[float, float]:
+    """(samples that bring more than `CERTAIN`, log-likelihood that these bring beyond it), in the mean, had
+    all been lost. A sample's force of this `worth` (N,), m = power d^2/2, brings m + sqrt(2 m) times a
+    standard normal number: of many faint ones some are seen by the luck of the noise."""
+    m = np.maximum(worth, 1e-300)
+    spread = np.sqrt(2.0 * m)
+    above = (m - CERTAIN) / spread
+    seen = scipy.special.ndtr(above)
+    beyond = (m - CERTAIN) * seen + spread * np.exp(-0.5 * above**2) / np.sqrt(2.0 * np.pi)
+    return float(np.sum(seen)), float(np.sum(np.maximum(beyond, 0.0)))
 
 
 def _trace(scene: Scene, whitener: Whitener, n: int) -> Array:

@@ -3,14 +3,19 @@ for them."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.dropouts import dropouts
+from ffl.diagnose.dropouts import CERTAIN, dropouts, expected
+from ffl.diagnose.unnamed import _lost
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec
+
+FAINT = 2e-3  # m, a move in which hardly a sample would be certain by itself
 
 
 def recorded(plant, reference, lost, seed, effects=(), knock=0.0):  # type: ignore[no-untyped-def]
@@ -79,3 +84,39 @@ def test_a_bus_that_loses_commands_is_unnamed(stage, losing):  # type: ignore[no
     assert answer["location"]["component"] == "timing"
     assert set(answer["location"]["depends_on"]) == {"command", "time"}
     assert "did not arrive" in answer["location"]["where"]
+
+
+def test_what_is_expected_of_lost_samples_counts_the_luck_of_the_noise():
+    rng = np.random.default_rng(3)
+    worth = rng.uniform(0.0, 9.0, 200_000)  # each alone, most of them fainter than what is certain
+    brought = worth + np.sqrt(2.0 * worth) * rng.standard_normal(len(worth))
+    seen, beyond = expected(worth)
+    assert seen == pytest.approx(np.sum(brought > CERTAIN), rel=0.02)
+    assert beyond == pytest.approx(np.sum(np.maximum(brought - CERTAIN, 0.0)), rel=0.02)
+    assert expected(np.zeros(1000)) == (0.0, 0.0)
+
+
+def test_many_faint_samples_are_no_delay_for_being_seen_by_luck(stage, scenes):  # type: ignore[no-untyped-def]
+    t = np.arange(6000) * stage.sample_time
+    slow = FAINT * np.sin(2 * np.pi * 3.0 * np.maximum(t - 0.3, 0.0)) ** 2
+    runs = [
+        recorded(stage, size * slow, lost_at(len(slow), 0.08, 11 + k), k)
+        for k, size in enumerate((1.0, 0.8))
+    ]
+    found = dropouts(*scenes(runs))
+    assert found is not None
+    assert found.fitted.rate < 0.3
+
+
+@pytest.mark.parametrize(
+    ("confirmed", "gains", "said"),
+    [
+        (True, (-22.0, 800.0), True),  # hardly seen where it was fitted, plain where it was not
+        (True, (-90.0, 800.0), False),
+        (True, (800.0, 10.0), False),
+        (False, (800.0, 10.0), True),
+        (False, (15.0, 800.0), False),
+    ],
+)
+def test_recordings_that_hardly_show_it_may_lose_a_little(confirmed, gains, said):  # type: ignore[no-untyped-def]
+    assert _lost(SimpleNamespace(confirmed=confirmed), *gains) is said
