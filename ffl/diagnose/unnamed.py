@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.dropouts import Dropouts, dropouts
-from ffl.diagnose.events import Events, events
+from ffl.diagnose.events import PLAINLY, Events, events
 from ffl.diagnose.fit import Fit, Scene
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
@@ -25,10 +25,12 @@ from ffl.diagnose.freemodel import (
     tables_of,
 )
 from ffl.diagnose.imitate import Imitation, imitated
-from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD
+from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD, promise
 from ffl.diagnose.model import Model
 from ffl.diagnose.unrest import without_unrest
-from ffl.effects import Motion
+from ffl.diagnose.warmth import feels_heat
+from ffl.effects import EFFECTS, Motion
+from ffl.effects.periods import harmonics
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -41,6 +43,7 @@ FAR = (
 EARNED = 0.05  # share of the mismatch that names must take off beside maps
 MANY = 20  # draws of noise that bursts are held against before they are called events
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
+TWICE = 2.0  # periods that the travel must hold before harmonics are those of what repeats
 SHUFFLES = 3
 BLOCKS = 20  # pieces of a recording that a variable's shuffling moves about
 SHARED_OUT = 0.03  # of the events before that may remain beside an effect that explains them
@@ -63,6 +66,17 @@ class Contest:
     needed: tuple[tuple[str, float], ...] = ()  # share of the evidence that each variable is worth
     formulas: tuple[Formula, ...] = ()
     lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
+
+    @property
+    def mapped(self) -> tuple[str, ...]:
+        """Of the variables those of the maps."""
+        own = () if self.winner is None else self.winner.variables
+        return tuple(v for v in self.variables if v in own)
+
+    @property
+    def bursts_remain(self) -> bool:
+        """What maps in place of names leave comes in bursts."""
+        return self.verdict == "unnamed" and self.events is not None and self.events.found
 
     @property
     def winner(self) -> FreeForm | None:
@@ -104,25 +118,31 @@ def compare(
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found
     maps = free_form(scene, held, nominal if named else standing)
+    bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
-    gains = _gains(scene, held, standing, alone) if alone else (0.0, 0.0)
+    fitted, held_out, promised = _gains(scene, held, standing, alone) if alone else (0.0, 0.0, 0.0)
+    gains = fitted, held_out
     if not named:
         # Over numbers of the linear model that have converged; recordings that hardly show what the
         # maps are cannot confirm it.
         told = alone is not None and (gains[1] > MARGIN or (alone.untold and gains[0] > UNTOLD))
         if alone and gains[0] > MARGIN and told:
-            return _described(Contest("unnamed", alone, None, *gains, bursts), rng)
+            return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
     # What was seen directly in the recording stands; maps may come beside it. (A clipped output under
     # loud noise has a rounder mean than its limit, and a map that draws it is no discovery.)
     seen = bool({e.name for e in standing.effects} & standing.proven)
     alone = None if seen else alone
+    if alone and min(gains) > -MARGIN and _drawn(standing):
+        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
     winning = alone is not None and gains[0] > MARGIN and gains[1] > HELD_WORTH
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never
         # quite still where there is nothing.
         winning = _cost(scene, standing, alone) > FAR * alone.cost
+        # Where they can hardly tell names from maps the fitted ones do.
+        winning = winning or promised < HELD_WORTH
     if at_ease and not winning:
         return Contest("named", alone, None, *gains, bursts)
     only = [p.term.name for p in alone.parts] if alone and winning else []
@@ -130,9 +150,9 @@ def compare(
     beside = maps[-1] if maps and maps[-1].parts else None
     nearly = None  # several names that do less than one map are no simpler for being nearly right
     if alone and winning and len(standing.effects) <= len(alone.parts):
-        nearly = alone if _nearly(scene, held, nominal, standing, alone) else None
+        nearly = alone if _nearly(scene, held, bare, standing, alone) else None
     if alone and winning and not nearly and not _better(beside, alone, nominal, held):
-        return _described(Contest("unnamed", alone, beside, *gains, bursts), rng)
+        return _described(Contest("unnamed", alone, beside, *gains, _after(alone)), rng)
     if beside or nearly:
         return _described(Contest("partly", alone, beside or nearly, *gains, bursts), rng)
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
@@ -146,6 +166,24 @@ def _lost(lost: Dropouts, fitted: float, held_out: float) -> bool:
     if lost.confirmed:
         return held_out > MARGIN and fitted > MARGIN - BOTH * held_out
     return fitted > MARGIN and held_out > -MARGIN
+
+
+def _drawn(standing: Model) -> bool:
+    """A period with harmonics that no recording holds twice draws any function of the position: nothing
+    shows that it repeats, and a map that does as well says no more than was seen."""
+    return any(
+        EFFECTS[e.name].scan == "position"
+        and len(harmonics(e.parameters)) > 1
+        and TWICE * float(e.parameters["period"]) > standing.base.travel
+        for e in standing.effects
+    )
+
+
+def _after(alone: FreeForm) -> Events | None:
+    """Bursts in what the maps leave: they come at times of their own, whatever a map has drawn of them.
+    No map is perfect, so they must be plain to see (a creep's left 3, knocks 16)."""
+    left = alone.free.residuals(alone.scene)
+    return None if left is None else replace(events(alone.scene, left), limit=PLAINLY)
 
 
 def _beyond(bursts: Events, scene: Scene, alike: list[Imitation], stated: Plant | None) -> Events:
@@ -182,39 +220,44 @@ def _left(scene: Scene, names: Model, alone: FreeForm) -> list[Array] | None:
 
 def _gains(
     scene: Scene, held: Scene | None, standing: Model, alone: FreeForm
-) -> tuple[float, float]:
-    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise. What
-    held-out recordings gain by corrections that the fitted ones leave open is no map's."""
+) -> tuple[float, float, float]:
+    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise, and what
+    the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
+    fitted ones leave open is no map's."""
     quiet = replace(scene, noise=alone.scene.noise)
     left = _left(quiet, standing, alone)
     if left is None:
-        return np.inf, np.inf
+        return np.inf, np.inf, np.inf
     all_of_it = np.ones(len(alone.white), bool)
     fitted = held_gain(quiet.whiten(left), alone.white, all_of_it)
     if held is None or not held.trials:
-        return fitted, fitted
+        return fitted, fitted, np.inf
     judged, bare = replace(held, noise=alone.scene.noise), alone.free.model
     rivals = [standing]
     if not standing.effects and 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
         rivals.append(bare)
-    gained = []
+    gained, promised = [], []
     for rival in rivals:
         left = _left(judged, rival, alone)
-        white = None if left is None else judged.judge(left, alone.known)
-        gained.append(np.inf if white is None else held_gain(white, alone.held_white, alone.known))
-    return fitted, min(gained)
+        white = np.full(len(alone.held_white), np.inf)
+        if left is not None:
+            white = judged.judge(left, alone.known)
+        gained.append(held_gain(white, alone.held_white, alone.known))
+        promised.append(promise(white[alone.known], alone.held_white[alone.known]))
+    return fitted, min(gained), max(promised)
 
 
 def _nearly(
-    scene: Scene, held: Scene | None, nominal: Model, standing: Model, alone: FreeForm
+    scene: Scene, held: Scene | None, bare: Model, standing: Model, alone: FreeForm
 ) -> bool:
-    """The names take off nearly all that the maps do: something is wrong with them, but not much."""
+    """The names take off nearly all that the maps do: something is wrong with them, but not much. What
+    `bare`, the linear model with corrections of its own, takes off is neither's."""
     sets = [(replace(scene, noise=alone.scene.noise), alone.white, np.ones(len(alone.white), bool))]
     if held is not None and held.trials:
         judged = replace(held, noise=alone.scene.noise)
         sets.append((judged, alone.held_white, alone.known))
     for ground, white, known in sets:
-        none, named = ground.residuals(nominal), _left(ground, standing, alone)
+        none, named = ground.residuals(bare), _left(ground, standing, alone)
         if none is None or named is None:
             return False
         whole, some, least = (
@@ -270,9 +313,12 @@ def _described(contest: Contest, rng: Generator) -> Contest:
             formulas.append(said)
     worth = NEEDED + MARGIN / max(winner.evidence, MARGIN)
     variables = tuple(v for v in winner.variables if needed.get(v, 1.0) > worth)
+    variables = variables or winner.variables
+    if contest.bursts_remain:
+        variables = tuple(dict.fromkeys((*variables, "time")))
     return replace(
         contest,
-        variables=variables or winner.variables,
+        variables=variables,
         needed=tuple(needed.items()),
         formulas=tuple(formulas),
     )
@@ -281,7 +327,10 @@ def _described(contest: Contest, rng: Generator) -> Contest:
 def needed_variables(
     screen: FreeScreen, free: FreeModel, white: Array, part: Part, rng: Generator
 ) -> dict[str, float]:
-    """Share of the map's evidence that is lost when one variable's blocks are moved about in time."""
+    """Share of the map's evidence that is lost when one variable's blocks are moved about in time. Of heat
+    nothing is said: wherever the command's blocks go, they warm nearly alike."""
+    if feels_heat(part.term):
+        return {}
     motions = [free.simulate(trial, [part.place]) for trial in screen.scene.trials]
     if any(m is None for m in motions):
         return {}

@@ -96,8 +96,11 @@ def _nameless(contest: Contest) -> where.Place:
             contest.variables,
         )
     place = winner.parts[0].place
+    said = f"{words(place)}: {where.phrase(contest.mapped)}"
+    if contest.bursts_remain:
+        said += "; and bursts, at times of their own, that it does not explain"
     return where.Place(
-        component_of(winner.parts), f"{words(place)}: {where.phrase(contest.variables)}",
+        component_of(winner.parts), said,
         contest.variables, port=words(place),
         formula="; ".join(f.text for f in contest.formulas), ports=_ports(winner),
     )  # fmt: skip
