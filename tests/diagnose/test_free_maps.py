@@ -86,6 +86,10 @@ def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, refere
     assert not _earns(replace(alike, evidence=100.0), bare)  # it must be sure of itself
     worse = replace(bare, held_white=1.5 * noise, evidence=1000.0)
     assert not _earns(worse, bare)
+    bend = 0.2 * np.sin(np.arange(3000) / 30)  # 30 to be expected there
+    passed_by = replace(bare, held_white=noise + bend, evidence=1e4)
+    assert _earns(passed_by, bare)
+    assert not _earns(replace(passed_by, evidence=2000.0), bare)
 
 
 def test_knocks_that_never_leave_it_quiet_are_events_where_the_noise_is_stated(
