@@ -180,15 +180,15 @@ def _judged(
         left = scene.whiten(residuals)
     white, known = np.zeros(0), np.zeros(0, bool)
     if held is not None and held.trials:
-        judged = held = with_warmth(replace(held, noise=scene.noise), free)
+        held = with_warmth(replace(held, noise=scene.noise), free)
         runs = [free.simulate(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
-        known = np.concatenate([_known(free, r[0].x, judged) for r in runs if r])
+        known = np.concatenate([_known(free, r[0].x, held) for r in runs if r])
         if np.mean(known) < LEAST_KNOWN:
             known = np.ones_like(known)
         missed = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
-        white = judged.judge(missed, known)
+        white = held.judge(missed, known)
     return FreeForm(free, scene, gain, left, white, known, held=held)
 
 
@@ -250,11 +250,9 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     tried = [f for f in each(begun, worth) if f is not None]
     # Those that help where nothing was fitted come first, however much others take off what was.
     tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
-    matter = tried[:FINISHED]
-    if worth:  # who promises most may begin furthest from where it ends
-        matter += [f for f in tried[FINISHED:] if f.parts[-1].same(worth[0][1])]
-    done = each(finished, matter)  # those that matter go on to convergence
-    done = [f for f in done if _earns(f, current)]
+    # Those that matter go on to convergence; who promises most may begin furthest from where it ends.
+    matter = [f for k, f in enumerate(tried) if k < FINISHED or f.parts[-1].same(worth[0][1])]
+    done = [f for f in each(finished, matter) if _earns(f, current)]
     top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:
         return None
