@@ -132,7 +132,7 @@ def print_row(row: dict[str, Any]) -> None:
     """One line of figures, below it the names, below them what the second encoder tells."""
     before, after = row["nrmse"]
     print(
-        f"{row['name']:11} {row['verdict']:16} {before:8.4g} -> {after:<8.4g} "
+        f"{row['name']:11} {row['verdict']:16} {before:9.4g} -> {after:<9.4g} "
         f"{row['user']:6.1f} s user {row['wall']:6.1f} s wall"
     )
     print("   ", ", ".join(f"{n} {p:.2f}" for n, p in row["names"].items()) or "nothing named")
