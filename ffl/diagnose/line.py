@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.fit import Scene, fit
-from ffl.diagnose.judging import Judged, earns, judge, levelled, raw_residuals
+from ffl.diagnose.judging import OPEN, Judged, earns, judge, levelled, raw_residuals
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place, places_of
@@ -133,7 +133,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 best = tried
         if best is not None and _misfit(current, best) < LOSS * _misfit(current, current):
             current = best
-    return _preloaded(held, _evened(held, _netted(held, current)))
+    return _without_idle(held, _preloaded(held, _evened(held, _netted(held, current))))
 
 
 def renamed(judged: Judged) -> Judged:
@@ -278,6 +278,19 @@ def _preloaded(held: Scene | None, judged: Judged) -> Judged:
     alone = judge(judged.scene, held, split.without(index), 8, split_judged.fit)
     alone, both = levelled([alone, split_judged])
     return alone if alone.score > both.score - KEEP else both
+
+
+def _without_idle(held: Scene | None, judged: Judged) -> Judged:
+    """`judged` without effects that take nothing off as they stand: amounts of no more than their own
+    error, which came in on the way to where the others ended. (A cogging of 0.22 +- 0.26 mN stayed with
+    53 of log-likelihood to its name, which a fit without it had not found the way to.)"""
+    for name in judged.model.names:
+        if name in judged.model.proven or len(judged.model.names) < 2:
+            continue
+        bare, scene = judged.model.without(judged.model.names.index(name)), judged.scene
+        if 0.5 * scene.worth * (scene.cost(bare) - scene.cost(judged.model)) < OPEN:
+            judged = judge(scene, held, bare, 8, judged.fit)
+    return judged
 
 
 def _as_it_stands(judged: Judged, model: Model) -> Judged:

@@ -7,7 +7,14 @@ import pytest
 
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
-from ffl.diagnose.line import _preloaded, _pruned, across_the_line, on_the_line, sizes
+from ffl.diagnose.line import (
+    _preloaded,
+    _pruned,
+    _without_idle,
+    across_the_line,
+    on_the_line,
+    sizes,
+)
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.trials import prepare
@@ -85,6 +92,18 @@ def test_a_spring_about_a_near_centre_stays(stage, record, aside):  # type: igno
     judged = judge(scene, None, model.with_effect(near), rounds=0)
     kept = _preloaded(None, replace(judged, scene=replace(scene, trials=trials))).model
     assert kept.names == ("linear_stiffness",)
+
+
+def test_an_effect_that_takes_nothing_off_goes(stage, record):  # type: ignore[no-untyped-def]
+    dry = EffectSpec("coulomb_friction", {"level": 3.0})
+    idle = EffectSpec("cogging", {"amplitude": 1e-5, "period": 0.004})
+    working = EffectSpec("cogging", {"amplitude": 1.0, "period": 0.004})
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry, working))))
+    both = judge(scene, None, replace(model, effects=(dry, working)), rounds=0)
+    assert _without_idle(None, both) is both
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry,))))
+    both = judge(scene, None, replace(model, effects=(dry, idle)), rounds=0)
+    assert _without_idle(None, both).model.names == ("coulomb_friction",)
 
 
 def test_an_effect_that_does_nothing_beside_a_held_correction_is_dropped(stage, record):  # type: ignore[no-untyped-def]
