@@ -118,7 +118,9 @@ def row_of(answer: dict[str, Any]) -> dict[str, Any]:
         "names": {e["name"]: round(e["confidence"], 2) for e in answer["effects"]},
     }
     for key, figure in (("nrmse", "nrmse"), ("nrmse_of_command", "u_nrmse")):
-        both = [answer["validation"].get(f"{figure}_{when}") for when in ("before", "after")]
+        both = [
+            answer.get("validation", {}).get(f"{figure}_{when}") for when in ("before", "after")
+        ]
         if None not in both:
             row[key] = [float(f"{value:.4g}") for value in both]
     between = answer.get("transmission")
@@ -130,7 +132,7 @@ def row_of(answer: dict[str, Any]) -> dict[str, Any]:
 
 def print_row(row: dict[str, Any]) -> None:
     """One line of figures, below it the names, below them what the second encoder tells."""
-    before, after = row["nrmse"]
+    before, after = row.get("nrmse", (np.nan, np.nan))  # none where nothing could be judged
     print(
         f"{row['name']:11} {row['verdict']:16} {before:9.4g} -> {after:<9.4g} "
         f"{row['user']:6.1f} s user {row['wall']:6.1f} s wall"

@@ -308,7 +308,8 @@ def _settled(screen: FreeScreen, f: FreeForm) -> FreeForm:
         again = _fitted(other, f.free, f.held, f.evidence, np.inf, ROUNDS)
         if again is None or not again.cost < f.cost:
             break
-        f, gained = again, f.cost - again.cost
+        gained = f.cost - again.cost
+        f = replace(again, evidence=f.evidence + 0.5 * gained)  # the warmth's share included
         if gained < STILL * f.cost:
             break
     return f

@@ -274,9 +274,9 @@ def _preloaded(held: Scene | None, judged: Judged) -> Judged:
         return judged
     load = EffectSpec("constant_load", {"force": stiffness * centre}, dict(spring.options))
     split = model.with_parameters(index, {"stiffness": stiffness}).with_effect(load)
-    split_judged = _as_it_stands(judged, split)
-    alone = judge(judged.scene, held, split.without(index), 8, split_judged.fit)
-    alone, both = levelled([alone, split_judged])
+    both = judge(judged.scene, held, split, 4, _as_it_stands(judged, split).fit)
+    alone = judge(judged.scene, held, split.without(index), 8, both.fit)  # by the same noise
+    alone, both = levelled([alone, both])
     return alone if alone.score > both.score - KEEP else both
 
 
@@ -289,7 +289,8 @@ def _without_idle(held: Scene | None, judged: Judged) -> Judged:
             continue
         bare, scene = judged.model.without(judged.model.names.index(name)), judged.scene
         if 0.5 * scene.worth * (scene.cost(bare) - scene.cost(judged.model)) < OPEN:
-            judged = judge(scene, held, bare, 8, judged.fit)
+            other = judge(scene, held, bare, 8, judged.fit)
+            judged = other if np.isfinite(other.score) else judged
     return judged
 
 

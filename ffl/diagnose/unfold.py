@@ -73,8 +73,6 @@ def unfolded(plant: Plant, recordings: Sequence[Recording]) -> Plant | None:
 
     starts = _starts(order, step, max(len(u) for u, _ in signals), signals)
     found = [refined(first, start) for start in starts]
-    if not found:
-        return None
     best = min(found, key=lambda theta: np.mean(rest(theta) ** 2))
     theta = refined(lambda theta: np.concatenate(errors(theta)), best)
     padded, _ = _polynomials(theta, order, step)
@@ -102,12 +100,14 @@ def folded_scenes(
 
 
 def from_rest(trial: Trial) -> Trial:
-    """The trial from rest, its drive off until then, where its output begins near zero: a folded output
-    tells no state."""
+    """The trial from rest where its output begins near zero, for a folded output tells no state; its drive
+    was off until then, unless the recording is cut out of a longer one."""
     if abs(trial.y[0]) > NEAR * np.abs(trial.y).max():
         return trial
     nothing = np.zeros_like
-    return replace(trial, start=nothing(trial.start), doubt=nothing(trial.doubt), off=True)
+    return replace(
+        trial, start=nothing(trial.start), doubt=nothing(trial.doubt), off=trial.start_time <= 0.0
+    )
 
 
 def _poles(theta: Array, order: int, step: float) -> np.ndarray:

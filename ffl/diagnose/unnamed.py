@@ -30,7 +30,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.unrest import without_unrest
 from ffl.diagnose.warmth import feels_heat
 from ffl.effects import EFFECTS, Motion
-from ffl.effects.periods import harmonics
+from ffl.effects.periods import Repeating, harmonics
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -53,8 +53,9 @@ NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
 @dataclass(frozen=True)
 class Contest:
     """`alone`: maps in place of names (its `parts` empty where there are none); `beside`: maps on top
-    of the names; `fitted`, `held_out`: what `alone` gains over the names. `verdict`: 'named',
-    'unnamed', 'partly' or 'nothing'."""
+    of the names; `fitted`, `held_out`: what `alone` gains over the names; `events`: bursts in what
+    maps in place of names leave, else in what the names leave. `verdict`: 'named', 'unnamed', 'partly'
+    or 'nothing'."""
 
     verdict: str
     alone: FreeForm | None
@@ -172,7 +173,7 @@ def _drawn(standing: Model) -> bool:
     """A period with harmonics that no recording holds twice draws any function of the position: nothing
     shows that it repeats, and a map that does as well says no more than was seen."""
     return any(
-        EFFECTS[e.name].scan == "position"
+        isinstance(EFFECTS[e.name], Repeating)
         and len(harmonics(e.parameters)) > 1
         and TWICE * float(e.parameters["period"]) > standing.base.travel
         for e in standing.effects

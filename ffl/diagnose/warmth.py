@@ -63,12 +63,16 @@ def first_warmth(
     more = np.array([table(most * (np.arange(count) == k)) - cold for k in range(count)])
     alike = [float(np.mean(m.u**2)) for m in motions] / np.maximum(most, 1e-300)
     best, chosen = evidence(term, span, cold, target), np.zeros(count)
+    if not np.isfinite(best.gain):  # a table that runs away
+        return best, list(chosen)
     for share in (np.zeros(count), alike):
         for _ in range(ROUNDS):
             now = cold + np.tensordot(share, more, 1)
             found = evidence(term, span, now, target)
             if found.gain > best.gain:
                 best, chosen = found, share
+            if not np.isfinite(found.gain):
+                break
             c = posterior([term], [span], [now], [found], target)[0]
             own = np.column_stack([w @ c for w in more])
             share = scipy.optimize.lsq_linear(own, target - cold @ c, (0.0, 1.0)).x

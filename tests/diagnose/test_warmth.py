@@ -15,7 +15,7 @@ from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import Place
 from ffl.diagnose.terms import TERMS, low_pass
 from ffl.diagnose.trials import prepare
-from ffl.diagnose.warmth import with_warmth
+from ffl.diagnose.warmth import warmed, with_warmth
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 
@@ -85,7 +85,7 @@ def test_only_maps_that_feel_heat_have_a_warmth(scenes_of):  # type: ignore[no-u
     straight = Part(TERMS[0], Place("force"), np.zeros(49), ranges)
     assert with_warmth(scene, FreeModel(model, (straight,))) is scene
     blank = Part(HEAT, Place("force"), np.zeros(7), ranges)
-    cold = with_warmth(scene, FreeModel(model, (blank,)))
+    cold = with_warmth(warmed(scene, (0.5, 0.5)), FreeModel(model, (blank,)))
     assert all(t.warm == 0.0 for t in cold.trials)
 
 
