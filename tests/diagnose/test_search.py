@@ -16,11 +16,11 @@ from ffl.systems.plant import EffectSpec
 
 THRESHOLD = 20.0
 FRICTION = EffectSpec("coulomb_friction", {"level": 2.0})
-LOAD = EffectSpec("constant_load", {"force": 1.5})
+SPRING = EffectSpec("hardening_spring", {"cubic_coefficient": 4e4, "centre": 0.02})
 
 
 def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monkeypatch):
-    machine = replace(stage, effects=(FRICTION, LOAD))
+    machine = replace(stage, effects=(FRICTION, SPRING))
     scene, held, model = scenes(record(machine))
     asked = []
 
@@ -33,7 +33,7 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
     (first,) = asked[0]
     assert outcome.steps[0].accepted is None  # the first that came in, turned down
     assert outcome.steps[1].accepted.model.names[-1] != first
-    assert set(outcome.standing.model.names) == {"coulomb_friction", "constant_load"}
+    assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}
 
 
 def judged(score, white, *names):
