@@ -41,6 +41,7 @@ class Lens:
             z = np.exp(2j * np.pi * np.maximum(np.arange(n // 2 + 1), NEAR_REST) / n)
             feedback = np.zeros(len(z)) if setup.servo is None else setup.servo.feedback.at(z)
             self.responses.append((z, plant.at(z), feedback))
+        self._factors: dict[tuple[Noise, int], np.ndarray] = {}
         self._tangents: dict[str, Traces] | None = None
 
     def spectrum(self, noise: Noise, k: int) -> np.ndarray:
@@ -49,10 +50,9 @@ class Lens:
         return noise.density(plant, feedback, z, self.setup.sample_time)
 
     def whiten(self, noise: Noise, traces: Traces) -> np.ndarray:
-        """The recorded part of all traces as one vector whose squared norm is the energy.
+        """The recorded part of all traces as one vector whose squared norm is the energy, filtered by the
+        inverse of the noise's `factor`.
 
-        Filtered by 1/H, H the causal factor with a causal inverse of the noise's spectrum |H|^2, by
-        the cepstrum: log H holds what of log|H|^2 lies at positive times, and half of that at zero.
         A windowed periodogram in its place leaks: of a constant offset in a slow loop, whose noise
         falls with the fourth power of frequency, it sees the edges, with twenty times the energy.
         Traces and filter fade alike, by FADED over the grid, so that an integrator's memory does not
@@ -60,15 +60,23 @@ class Lens:
         """
         out = []
         for k, x in enumerate(traces):
+            factor = self.factor(noise, k)
+            n, rows = 2 * (len(factor) - 1), len(x)
+            fade = FADED ** (np.arange(rows) / n)
+            faded = np.fft.irfft(np.fft.rfft(x * fade, n) / factor, n)[:rows]
+            out.append((faded / fade)[self.setup.fit[k].skip :])
+        return np.concatenate(out)
+
+    def factor(self, noise: Noise, k: int) -> np.ndarray:
+        """H of recording k, fading: causal with a causal inverse, |H|^2 the noise's spectrum. By the
+        cepstrum: log H holds what of log|H|^2 lies at positive times, and half of that at zero."""
+        if (noise, k) not in self._factors:
             cepstrum = np.fft.irfft(np.log(self.spectrum(noise, k)))
             n = len(cepstrum)
-            fade = FADED ** (np.arange(n) / n)
             cepstrum[0] *= 0.5
             cepstrum[n // 2 :] = 0.0
-            factor = np.exp(np.fft.rfft(cepstrum * fade))
-            faded = np.fft.irfft(np.fft.rfft(x * fade[: len(x)], n) / factor, n)
-            out.append((faded / fade)[self.setup.fit[k].skip : len(x)])
-        return np.concatenate(out)
+            self._factors[noise, k] = np.exp(np.fft.rfft(cepstrum * FADED ** (np.arange(n) / n)))
+        return self._factors[noise, k]
 
     @property
     def tangents(self) -> dict[str, Traces]:

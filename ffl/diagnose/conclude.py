@@ -68,9 +68,10 @@ def conclude(
     quiet = nameless.winner.scene if nameless.winner else standing.scene
     if lost:
         quiet = replace(quiet, noise=lost.fitted.scene.noise)
-    proof = prove(replace(held, noise=quiet.noise), before, after, quiet, rng, running, observed)
+    held = replace(held, noise=quiet.noise)
+    proof = prove(held, before, after, quiet, rng, running, observed)
     if maps:
-        proof = with_map(proof, with_warmth(replace(held, noise=quiet.noise), maps), maps)
+        proof = with_map(proof, with_warmth(held, maps), maps)
     effects = standing.model.effects
     said, place = verdict(model, standing, nameless)
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]

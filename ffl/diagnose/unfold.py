@@ -7,7 +7,7 @@ recording looks folded the linear part is fitted again with |x| for y, from star
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,27 +54,24 @@ def unfolded(plant: Plant, recordings: Sequence[Recording]) -> Plant | None:
     order = len(plant.system.poles)
     step = plant.sample_time
     signals = [(r.u[:MOST], r.y[:MOST]) for r in recordings]
-    cuts = [round(FIRST * len(u)) for u, _ in signals]
 
-    def errors(theta: Array) -> list[Array]:
+    def errors(theta: Array, begin: float, end: float) -> Array:
+        """Between these shares of every recording."""
         b, a = _polynomials(theta, order, step)
         with np.errstate(all="ignore"):
             parts = [np.abs(scipy.signal.lfilter(b, a, u)) - y for u, y in signals]
-        return [np.nan_to_num(p, nan=1e6, posinf=1e6, neginf=-1e6) for p in parts]
+        rows = [p[round(begin * len(p)) : round(end * len(p))] for p in parts]
+        return np.nan_to_num(np.concatenate(rows), nan=1e6, posinf=1e6, neginf=-1e6)
 
-    def first(theta: Array) -> Array:
-        return np.concatenate([e[:cut] for e, cut in zip(errors(theta), cuts, strict=True)])
-
-    def rest(theta: Array) -> Array:
-        return np.concatenate([e[cut:] for e, cut in zip(errors(theta), cuts, strict=True)])
-
-    def refined(error: Callable[[Array], Array], theta: Array) -> Array:
-        return scipy.optimize.least_squares(error, theta, method="lm", max_nfev=ROUNDS).x
+    def refined(theta: Array, end: float) -> Array:
+        return scipy.optimize.least_squares(
+            errors, theta, method="lm", max_nfev=ROUNDS, args=(0.0, end)
+        ).x
 
     starts = _starts(order, step, max(len(u) for u, _ in signals), signals)
-    found = [refined(first, start) for start in starts]
-    best = min(found, key=lambda theta: np.mean(rest(theta) ** 2))
-    theta = refined(lambda theta: np.concatenate(errors(theta)), best)
+    found = [refined(start, FIRST) for start in starts]
+    best = min(found, key=lambda theta: np.mean(errors(theta, FIRST, 1.0) ** 2))
+    theta = refined(best, 1.0)
     padded, _ = _polynomials(theta, order, step)
     numerator = np.trim_zeros(padded, "f")
     system = Zpk(np.roots(numerator), _poles(theta, order, step), float(numerator[0]), step)
