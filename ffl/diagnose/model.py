@@ -15,6 +15,7 @@ from ffl.effects import EFFECTS
 from ffl.effects.cascade import lags
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation, Simulator
+from ffl.systems.loop import Loop
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
@@ -123,6 +124,15 @@ class Model:
     @cached_property
     def simulator(self) -> Simulator:
         return simulator_with(self.base.simulator, dict(self.corrections))
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The linear loop with the corrections: what colours the noise of the machine as it stands. The
+        nominal one where the corrected one runs away: noise has no colour there."""
+        plant = self.base.plant
+        loop = corrected_plant(plant, self.base.simulator.mechanics, dict(self.corrections)).loop
+        radius = [float(np.abs(one.poles).max(initial=0.0)) for one in (loop, plant.loop)]
+        return loop if radius[0] < max(1.0, radius[1]) else plant.loop
 
     @cached_property
     def substeps(self) -> int:

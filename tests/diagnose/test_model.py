@@ -63,3 +63,24 @@ def test_a_direction_in_which_a_run_overflows_is_not_known(stage):
     spread = Fit(model, rng.standard_normal(200), columns, columns, "converged").spread
     assert spread[0] > 1e9
     assert np.all(spread[1:] < 1.0)
+
+
+def test_noise_is_coloured_by_the_loop_as_it_stands(two_masses):  # type: ignore[no-untyped-def]
+    base = Base.of(two_masses)
+    assert Model(base).loop is two_masses.loop
+    moved = Model(base, {"mode_1_frequency": 0.05}).loop
+    nearly = Model(base, {"mode_1_frequency": 1e-9}).loop
+    f = np.linspace(1.0, 90.0, 2000)
+    stated, same, other = (
+        np.abs(loop.process_sensitivity.response(f)) for loop in (two_masses.loop, nearly, moved)
+    )
+    np.testing.assert_allclose(same, stated, rtol=1e-5)
+    away = f[f > 30.0]
+    peaks = [away[np.argmax(x[f > 30.0])] for x in (stated, other)]
+    assert peaks[1] / peaks[0] == pytest.approx(1.05, abs=0.01)
+
+
+def test_a_loop_that_runs_away_colours_nothing(two_masses):  # type: ignore[no-untyped-def]
+    base = Base.of(two_masses)
+    gone = Model(base, {"damping": -1e4})
+    assert gone.loop is two_masses.loop
