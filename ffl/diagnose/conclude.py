@@ -93,7 +93,7 @@ def conclude(
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
     explained = lost.fitted.scene if lost else quiet
-    left = (maps.residuals(quiet) if maps else explained.residuals(bare)) or []
+    left = (quiet.residuals(maps) if maps else explained.residuals(bare)) or []
     maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
     if said != "nothing_missing":
         motions = [nominal.simulate(trial).motion() for trial in quiet.trials]

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ffl.diagnose.model import Model
+from ffl.diagnose.model import Coordinate, Model
 from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.parallel import each
 from ffl.diagnose.stepping import aligned, damped, further_on, principal_steps
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.diagnose.whitening import Whitener
+from ffl.machines.simulator import Simulation
 from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
 
@@ -32,6 +33,17 @@ ASTRAY = 0.25  # of a round: one simulation instead of one for every number
 CLOSING = 0.7  # of the way to a goal that four rounds may leave
 PATIENCE = 32  # rounds at most on the way to a goal
 Key = tuple[str, str, int, tuple[str, int] | None]
+
+
+class Runs(Protocol):
+    """What can be simulated beside a recording, with numbers that are free."""
+
+    @property
+    def theta(self) -> Array: ...
+    @property
+    def coordinates(self) -> Sequence[Coordinate]: ...
+    def at(self, theta: Array) -> Runs: ...
+    def attempt(self, trial: Trial) -> Simulation | None: ...
 
 
 @dataclass(frozen=True)
@@ -73,13 +85,17 @@ class Scene:
     def samples(self) -> int:
         return sum(len(t) for t in self.trials)
 
+    def like(self, other: Scene) -> Scene:
+        """The scene whitened as `other` is."""
+        return replace(self, loop=other.loop, noise=other.noise)
+
     def head(self, rows: int) -> Scene:
         """The first `rows` samples of the first recording alone."""
         out = replace(self, trials=(self.trials[0].head(rows),))
         object.__setattr__(out, "whiteners", self.whiteners[:1])
         return out
 
-    def residuals(self, model: Model) -> list[Array] | None:
+    def residuals(self, model: Runs) -> list[Array] | None:
         """y - yhat of each recording; None where the simulation leaves all bounds."""
         out = []
         for trial in self.trials:
@@ -219,7 +235,7 @@ class Fit:
 
 def jacobian(
     scene: Scene,
-    model: Model,
+    model: Runs,
     base: Sequence[Array],
     known: Mapping[Key, Array] | None = None,
     chosen: Sequence[int] | None = None,
@@ -252,7 +268,7 @@ def jacobian_along(
     return np.linalg.solve(steps.T, np.column_stack(ends).T).T
 
 
-def _difference(scene: Scene, model: Model, base: Sequence[Array], step: Array) -> Array:
+def _difference(scene: Scene, model: Runs, base: Sequence[Array], step: Array) -> Array:
     """What `step` adds to yhat, whose residuals at `model` are `base`; zero where it leaves all
     bounds."""
     residuals = scene.residuals(model.at(model.theta + step))

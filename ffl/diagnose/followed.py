@@ -23,7 +23,9 @@ SWINGS = 4.0  # mean square of the whitened residual from which first orders may
 OFF = 0.01  # of the travel: a simulation further off is elsewhere than the machine
 OTHERWISE = 0.1  # of the power of the command: one that differs by more is another one
 STEPS = 4  # times the force is corrected: beside effects the loop answers it as no linear one does
-NEAR = 0.1  # of the sum of squares: what a force that is worth anything leaves
+NEAR = (
+    0.1  # of the sum of squares: what a force leaves that takes a machine anywhere from elsewhere
+)
 DONE = 0.5  # of what the last step left: a smaller gain ends it
 
 
@@ -71,4 +73,5 @@ def _led(scene: Scene, model: Model, trial: Trial) -> Trial | None:
         if float(left @ left) > DONE * least:
             break
         best, least = led, float(left @ left)
-    return best if least < NEAR * whole else None
+    there = np.sqrt(least / len(trial)) < OFF * np.ptp(trial.y)
+    return best if there or least < NEAR * whole else None

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.events import SHORT
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.followed import SWINGS, astray, followed
 from ffl.diagnose.freemodel import (
     SENT,
     Evidence,
@@ -24,7 +25,7 @@ from ffl.diagnose.freemodel import (
     evidence,
     tables_of,
 )
-from ffl.diagnose.freestep import ROUNDS, STILL, stepped
+from ffl.diagnose.freestep import ROUNDS, STILL, begun, stepped
 from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, LOST, PASSES, QUIET, UNTOLD, effective, promise
 from ffl.diagnose.model import Model
@@ -34,6 +35,7 @@ from ffl.diagnose.places import Place, places_of
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.terms import TERMS, Term, ranges_of
 from ffl.diagnose.warmth import feels_heat, first_warmth, warmed, with_warmth
+from ffl.effects import Motion
 from ffl.systems.state_space import Array
 
 LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
@@ -128,7 +130,7 @@ def free_form(
 ) -> list[FreeForm]:
     """The maps that explain best what `model` leaves, `most` at once last; the model itself is first.
     `names`: of the maps that may enter, all where empty."""
-    current = _bare(scene, held, model)
+    current = bare(scene, held, model)
     if current is None:
         return []
     out = [current]
@@ -141,12 +143,15 @@ def free_form(
     return out
 
 
-def _bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
+def bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
     residuals = scene.residuals(model)
     if residuals is None:
         return None
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
-    model = fit(quiet, model).model
+    fitted = fit(quiet, model)
+    model = fitted.model
+    stated = replace(model, corrections={})
+    quiet = replace(quiet, loop=(stated if bent(quiet, fitted) else model).loop)
     return _judged(quiet, held, FreeModel(model), 0.0)
 
 
@@ -174,13 +179,13 @@ def _judged(
 ) -> FreeForm | None:
     """`left`: the whitened residual, where it is known."""
     if left is None:
-        residuals = free.residuals(scene)
+        residuals = scene.residuals(free)
         if residuals is None:
             return None
         left = scene.whiten(residuals)
     white, known = np.zeros(0), np.zeros(0, bool)
     if held is not None and held.trials:
-        held = with_warmth(replace(held, noise=scene.noise), free)
+        held = with_warmth(held.like(scene), free)
         runs = [free.simulate(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
@@ -218,8 +223,8 @@ def _memory(scene: Scene) -> int:
 def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> FreeForm | None:
     """`current` with one more map, if one is worth it."""
     scene = current.scene
-    screen = FreeScreen(scene, current.free.model)
-    target = screen.beyond(current.white + screen.from_nominal(current.free.model))
+    view = FreeScreen(scene, current.free)
+    views = [v for v in (view, as_measured(current, view.fit)) if v is not None]
     taken = {(p.term.name, p.place) for p in current.parts}
     force = next((p.place for p in current.parts if p.place.port == "force"), None)
     entries = [
@@ -230,28 +235,40 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         and (p.side != SENT or current.cost > RECORDED * len(current.white))
         and (t.port != "force" or force is None or p == force)
     ]
-    ranked = _ranked(screen, current, entries, target)
-    if not ranked:
+    found = [ranked(view, current, entries) for view in views]
+    if not found[0]:
         return None
-    least = max(WORTH, FAR_BEHIND * ranked[0][0].gain)
 
-    def begun(entry: tuple[Evidence, Part, Sequence[float]]) -> FreeForm | None:
-        found, part, warmth = entry
-        start = FreeModel(current.free.model, (*current.parts, part))
-        return _fitted(
-            screen.of(warmed(scene, warmth)), start, held, current.evidence, found.gain, 1
-        )
+    def tried_out(entry: Entry) -> FreeForm | None:
+        ground, start = warmed(scene, entry.warmth), current.free.beside(entry.part)
+        screen, gain = view.of(ground), entry.evidence.gain
+        if entry.view.along is not None:
+            start = entry.as_measured
+            if ground.residuals(start) is None:
+                return None
+            screen = FreeScreen(ground, start)
+        found = _fitted(screen, start, held, current.evidence, gain, 1)
+        if found is None or entry.view.along is None:
+            return found
+        took = min(gain, 0.5 * (current.cost - found.cost))
+        return replace(found, evidence=current.evidence + took)
 
     def finished(f: FreeForm) -> FreeForm:
-        f = _fitted(screen.of(f.scene), f.free, held, f.evidence, np.inf, ROUNDS) or f
+        screen = FreeScreen(f.scene, f.free)
+        f = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
         return _started(_settled(screen, f))
 
-    worth = [entry for entry in ranked[:TRIED] if entry[0].gain >= least]
-    tried = [f for f in each(begun, worth) if f is not None]
+    worth = [e for some in found for e in some[:TRIED] if e.evidence.gain >= _least(some)]
+    tried = [f for f in each(tried_out, worth) if f is not None]
     # Those that help where nothing was fitted come first, however much others take off what was.
     tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
     # Those that matter go on to convergence; who promises most may begin furthest from where it ends.
-    matter = [f for k, f in enumerate(tried) if k < FINISHED or f.parts[-1].same(worth[0][1])]
+    first = [some[0].part for some in found if some]
+    matter = [
+        f
+        for k, f in enumerate(tried)
+        if k < FINISHED or any(f.parts[-1].same(part) for part in first)
+    ]
     done = [f for f in each(finished, matter) if _earns(f, current)]
     top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:
@@ -259,7 +276,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     least = min(f.cost for f in done if _score(f, current) >= SIMPLER * top)
     near = [f for f in done if _score(f, current) >= SIMPLER * top and f.cost <= NO_WORSE * least]
     best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)))
-    listed = tuple(Ranked(p.term.name, words(p.place), e.gain) for e, p, _ in ranked)
+    listed = tuple(Ranked(e.part.term.name, words(e.part.place), e.evidence.gain) for e in found[0])
     untold = _untold(current, best)
     return replace(_quieter(best), ranking=current.ranking or listed, untold=untold)
 
@@ -271,32 +288,77 @@ def words(place: Place) -> str:
     return {"command": "beside the command", "output": "at the sensor"}[place.port]
 
 
-def _ranked(
-    screen: FreeScreen, current: FreeForm, entries: Sequence[tuple[Term, Place]], target: Array
-) -> list[tuple[Evidence, Part, Sequence[float]]]:
-    """First-order evidence of every map, best first, from as many rows as are needed to rank them; with
-    what the recordings began warm with, where the map feels heat."""
-    motions = _motions(current.free, screen.scene, [p for _, p in entries])
+def bent(scene: Scene, fitted: Fit) -> bool:
+    """Whether the linear model, far from what was measured, has numbers that stand for what is missing."""
+    return fitted.cost > SWINGS * scene.samples and astray(scene, fitted.model)
+
+
+def as_measured(current: FreeForm, fitted: Fit) -> FreeScreen | None:
+    """The view along the motion that was measured, beside the linear model as it is stated, where the one
+    `fitted` is bent; None where nothing takes it there, or an observer does."""
+    if current.scene.observed or current.parts or not bent(current.scene, fitted):
+        return None
+    model = replace(current.free.model, corrections={})
+    along = followed(current.scene, model)
+    return None if along is None else FreeScreen(current.scene, FreeModel(model), along)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A map that may come in, blank, as a `view` ranks it: `evidence` to first order, and what the
+    recordings began warm with (`warmth`), where the map feels heat."""
+
+    evidence: Evidence
+    part: Part
+    warmth: Sequence[float]
+    view: FreeScreen
+
+    @property
+    def motions(self) -> list[dict[Place, Motion]] | None:
+        """At the map's place, along the motion of the `view`."""
+        scene = warmed(self.view.along or self.view.scene, self.warmth)
+        return motions_of(FreeModel(self.view.model), scene, [self.part.place])
+
+    @property
+    def as_measured(self) -> FreeModel:
+        """The map as a view along the measured motion has it."""
+        start, motions = FreeModel(self.view.model, (self.part,)), self.motions
+        return begun(self.view, start, motions) if motions else start
+
+
+def _least(ranked: Sequence[Entry]) -> float:
+    """Evidence that is worth a simulation, of those that are `ranked`."""
+    return max(WORTH, FAR_BEHIND * ranked[0].evidence.gain) if ranked else np.inf
+
+
+def ranked(
+    view: FreeScreen, current: FreeForm, entries: Sequence[tuple[Term, Place]]
+) -> list[Entry]:
+    """Every map, that of most evidence first, from as many rows as are needed to rank them."""
+    free = FreeModel(view.model, current.parts)
+    motions = motions_of(free, view.along or view.scene, [p for _, p in entries])
     if motions is None:
         return []
+    left = current.white if view.along is None else view.wanted
+    target = view.beyond(left + view.from_nominal(view.model))
     every = max(1, len(target) // ROWS)
 
-    def promise(entry: tuple[Term, Place]) -> tuple[Evidence, Part, Sequence[float]]:
+    def promise(entry: tuple[Term, Place]) -> Entry:
         term, place = entry
         span = ranges_of([m[place] for m in motions])
         warmth: Sequence[float] = ()
         if feels_heat(term):
             found, warmth = first_warmth(
-                screen, term, place, span, [m[place] for m in motions], target, every
+                view, term, place, span, [m[place] for m in motions], target, every
             )
         else:
-            table = screen.beyond(tables_of(screen, [entry], [span], motions)[0])
+            table = view.beyond(tables_of(view, [entry], [span], motions)[0])
             found = evidence(term, span, table[::every], target[::every])
         found = replace(found, gain=found.gain * every)
         blank = np.zeros(len(term.kernel(span, 1.0)))
-        return found, Part(term, place, blank, span, found.length), warmth
+        return Entry(found, Part(term, place, blank, span, found.length), warmth, view)
 
-    return sorted(each(promise, entries), key=lambda item: -item[0].gain)
+    return sorted(each(promise, entries), key=lambda entry: -entry.evidence.gain)
 
 
 def _settled(screen: FreeScreen, f: FreeForm) -> FreeForm:
@@ -334,9 +396,10 @@ def _quieter(found: FreeForm) -> FreeForm:
     changes it; the first opinion may have been too low as well as too high."""
     for _ in range(PASSES):
         scene = found.scene
-        residuals = found.free.residuals(scene) or []
+        residuals = scene.residuals(found.free) or []
+        scene = replace(scene, loop=found.free.model.loop)
         other = scene.with_noise_of(residuals, coloured=False, quantile=QUIET)
-        screen = FreeScreen(other, found.free.model)
+        screen = FreeScreen(other, found.free)
         again = _fitted(screen, found.free, found.held, found.evidence, 0.0, ROUNDS)
         if again is None:
             break
@@ -383,7 +446,9 @@ def _held(before: FreeForm, after: FreeForm) -> float:
     return held_gain(before.held_white, after.held_white, after.known)
 
 
-def _motions(free: FreeModel, scene: Scene, places: Sequence[Place]):  # type: ignore[no-untyped-def]
+def motions_of(
+    free: FreeModel, scene: Scene, places: Sequence[Place]
+) -> list[dict[Place, Motion]] | None:
     found = [free.simulate(trial, list(dict.fromkeys(places))) for trial in scene.trials]
     return None if any(f is None for f in found) else [f[1] for f in found if f is not None]
 

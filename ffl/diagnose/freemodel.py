@@ -10,8 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from ffl.diagnose.company import without
-from ffl.diagnose.fit import Scene, fit
-from ffl.diagnose.model import Model
+from ffl.diagnose.fit import Fit, Scene, jacobian
+from ffl.diagnose.mapped import Mapped
+from ffl.diagnose.model import Coordinate, Model
 from ffl.diagnose.places import Place
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.terms import Ranges, Term
@@ -20,6 +21,7 @@ from ffl.diagnose.triangle import triangle
 from ffl.effects import EFFECTS, Motion
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
+from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 SENT = "sent"  # side of a map that sees the command as it was recorded
@@ -50,7 +52,7 @@ class Part:
 
 @dataclass(frozen=True)
 class FreeModel:
-    """`model` with maps beside it; force maps share one place."""
+    """`model` with maps beside it; force maps that are repeated share one place."""
 
     model: Model
     parts: tuple[Part, ...] = ()
@@ -59,14 +61,15 @@ class FreeModel:
         self, trial: Trial, places: Sequence[Place] = ()
     ) -> tuple[Simulation, dict[Place, Motion]] | None:
         """The free-running loop and the motion at `places` and at the maps' own; None where it leaves
-        all bounds. The maps' signals are repeated until the motion they make is the one they saw."""
+        all bounds. The signals of maps that the kernel does not run are repeated until the motion they
+        make is the one they saw."""
         wanted = list(dict.fromkeys([*places, *(p.place for p in self.parts)]))
         keys = [side_of(place) for place in wanted]
         pairs = list(zip(wanted, keys, strict=True))
-        run = self.model.simulate(trial, watch=list(dict.fromkeys(keys)))
+        run = self._driven(trial, {}, keys)
         before, change, share = run.y, np.inf, 1.0
         ports: dict[str, Array] = {}
-        for _ in range(REPEATS if self.parts else 0):
+        for _ in range(REPEATS if self._repeated else 0):
             if run.diverged:
                 return None
             motions = {p: _seen(run.motion(*k), p, trial) for p, k in pairs}
@@ -88,17 +91,63 @@ class FreeModel:
             return None
         return run, {p: _seen(run.motion(*k), p, trial) for p, k in pairs}
 
+    def beside(self, part: Part) -> FreeModel:
+        """With one more map."""
+        return FreeModel(self.model, (*self.parts, part))
+
+    # --- as a model is ---------------------------------------------------------------------------
+
+    @property
+    def theta(self) -> Array:
+        """The free numbers of the model beside the maps."""
+        return self.model.theta
+
+    @property
+    def coordinates(self) -> Sequence[Coordinate]:
+        return self.model.coordinates
+
+    def at(self, theta: Array) -> FreeModel:
+        """Other numbers beside the same maps."""
+        return FreeModel(self.model.at(theta), self.parts)
+
+    def attempt(self, trial: Trial) -> Simulation | None:
+        """The free run, None where there is no such machine or it leaves all bounds."""
+        try:
+            found = self.simulate(trial)
+        except InputError:
+            return None
+        return None if found is None else found[0]
+
+    # --- which maps the kernel runs --------------------------------------------------------------
+
+    def _runs(self, part: Part) -> bool:
+        """Whether the kernel runs the map: not those of a history, or of the command as recorded, nor those
+        at a port where effects act, which would see what these make of it."""
+        taken = {EFFECTS[spec.name].port for spec in self.model.acting} - {"force"}
+        return part.term.kind is not None and part.place.port not in taken
+
+    @cached_property
+    def _repeated(self) -> list[Part]:
+        return [part for part in self.parts if not self._runs(part)]
+
+    @cached_property
+    def _mapped(self) -> list[tuple[Mapped, EffectSpec]]:
+        maps = [Mapped(part) for part in self.parts if self._runs(part)]
+        return [(one, one.spec) for one in maps]
+
     def _signals(self, motions: dict[Place, Motion]) -> dict[str, Array]:
         """What the maps put in at each port along these motions."""
         ports: dict[str, Array] = {}
-        for part in self.parts:
+        for part in self._repeated:
             signal = part.signal(motions[part.place])
             port = part.place.port
             ports[port] = ports[port] + signal if port in ports else signal
         return ports
 
     def _driven(self, trial: Trial, ports: dict[str, Array], keys: Sequence) -> Simulation:  # type: ignore[type-arg]
-        forces = [part.place for part in self.parts if part.place.port == "force"]
+        forces = (
+            [part.place for part in self._repeated if part.place.port == "force"] if ports else []
+        )
         side = side_of(forces[0]) if forces else None
         load = ports.get("command")
         if trial.load is not None:
@@ -109,7 +158,7 @@ class FreeModel:
             noise=ports.get("output"), start=start, start_time=trial.start_time,
             before=trial.before,
             travel=trial.travel, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
-            applied=(ports["force"], side) if side else None,
+            applied=(ports["force"], side) if side else None, others=self._mapped,
         )  # fmt: skip
 
     def _start(self, trial: Trial) -> Array:
@@ -126,18 +175,6 @@ class FreeModel:
             return sum(float(p.signal(still)[0]) for p in shown)
 
         return behind_sensor(simulator, start, added)
-
-    def residuals(self, scene: Scene) -> list[Array] | None:
-        out = []
-        for trial in scene.trials:
-            try:
-                found = self.simulate(trial)
-            except InputError:
-                return None
-            if found is None:
-                return None
-            out.append(trial.y - found[0].y)
-        return out
 
 
 def as_sent(scene: Scene, model: Model) -> list[Array] | None:
@@ -201,8 +238,20 @@ class FreeScreen(Screen):
 
     believing = True
 
-    def __init__(self, scene: Scene, model: Model) -> None:
-        super().__init__(scene, fit(scene, model, rounds=0))
+    def __init__(self, scene: Scene, free: FreeModel, along: Scene | None = None) -> None:
+        """Raises `InputError` where `free` leaves all bounds."""
+        base = scene.residuals(free)
+        if base is None:
+            raise InputError("a map runs away: nothing is to be seen beside it")
+        columns = jacobian(scene, free, base)
+        white, slopes = scene.whiten(base), scene.whiten_stacked(columns)
+        super().__init__(scene, Fit(free.model, white, slopes, columns, "rounds"), along)
+
+    def _led(self, along: Scene) -> tuple[Array, Array]:
+        """Along the measured motion the model's numbers are held: with mass, damping, stiffness and the
+        command all taken off, any command map explains it (and the machine is none)."""
+        slopes, wanted = super()._led(along)
+        return slopes[:, :0], wanted
 
     def of(self, scene: Scene) -> FreeScreen:
         """The same along another scene, whose recordings began otherwise."""
@@ -211,9 +260,11 @@ class FreeScreen(Screen):
         return other
 
     def from_nominal(self, model: Model) -> Array:
-        """What the believed numbers of `model` do to the whitened y, (N,)."""
+        """What the believed numbers of `model` do to the whitened y, (N,); nothing where they are held."""
+        if not self.slopes.shape[1]:
+            return np.zeros(len(self.wanted))
         own = np.isfinite([c.doubt for c in model.coordinates])
-        return self.fit.jacobian[:, own] @ model.theta[own]
+        return self.slopes[:, own] @ model.theta[own]
 
 
 def _seen(motion: Motion, place: Place, trial: Trial) -> Motion:

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.fit import Scene
 from ffl.diagnose.freemodel import (
     RUNAWAY,
     FreeModel,
     FreeScreen,
+    Part,
     Run,
     evidence,
     posterior,
@@ -18,6 +20,8 @@ from ffl.diagnose.freemodel import (
     tables_of,
 )
 from ffl.diagnose.model import Model
+from ffl.diagnose.places import Place
+from ffl.effects import Motion
 from ffl.systems.state_space import Array
 
 ROUNDS = 3  # Gauss-Newton rounds of a map in the closed loop, and
@@ -25,6 +29,7 @@ MORE = 12  # as long as each takes off
 STILL = 0.02  # of the sum of squares: a map that does nearly all starts far from where it ends
 BENDING = 3  # first rounds of a map of the velocity, which damps the motion that it is read from:
 COARSE = 0.2  # least length in them, fine detail would be that of the wrong motion
+SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 SMALL = 0.1  # sum of squares that ends the rounds
 
 
@@ -42,29 +47,59 @@ def stepped(
         wanted = _step(screen, free, now, done < BENDING)
         if wanted is None:
             break
-        share, tried = 1.0, None
-        while share > 0.2 and not (tried and tried.cost < cost):
-            other = _between(free, wanted, share)
-            tried = run_of(screen.scene, other)
-            share *= 0.5
-        if not (tried and tried.cost < cost):
+        found = _first_below(screen.scene, _ways(free, wanted), cost)
+        if found is None:
             break
-        gained, cost, free, now = cost - tried.cost, tried.cost, other, tried
+        free, now = found
+        gained, cost = cost - now.cost, now.cost
         if gained < SMALL or (done + 1 >= rounds and gained < STILL * cost):
             break
     return free, now, first - cost
 
 
+def _ways(free: FreeModel, wanted: FreeModel) -> list[FreeModel]:
+    """Shares of the way from `free` to `wanted`, at last with the maps alone: where these are far from
+    right, numbers that take off what the maps leave to first order lead away."""
+    alone = FreeModel(free.model, wanted.parts)
+    return [_between(free, end, share) for end in (wanted, alone) for share in SHARES]
+
+
+def begun(screen: FreeScreen, free: FreeModel, motions: Sequence[dict[Place, Motion]]) -> FreeModel:
+    """`free`, whose maps are blank, with those that explain best what the `screen` wants explained along
+    the `motions` that were measured."""
+    tables = traces(screen, free, motions)
+    return FreeModel(free.model, _maps(screen, free, screen.wanted, tables, True))
+
+
 def _step(screen: FreeScreen, free: FreeModel, now: Run, early: bool) -> FreeModel | None:
     """The maps and numbers that explain `now` best to first order around `free`; `early`: a round in
     which maps of the velocity are coarse."""
-    white, motions = now.white, now.motions
-    spans = [p.ranges for p in free.parts]
-    tables = tables_of(screen, [(p.term, p.place) for p in free.parts], spans, motions)
+    tables = traces(screen, free, now.motions)
     if not all(np.all(np.abs(t) < RUNAWAY) for t in tables):
         return None
-    whole = white + _sum(tables, [p.coefficients for p in free.parts])
-    target = screen.beyond(whole + screen.from_nominal(free.model))
+    whole = now.white + _sum(tables, [p.coefficients for p in free.parts])
+    parts = _maps(screen, free, whole + screen.from_nominal(free.model), tables, early)
+    theta = free.model.theta
+    if len(theta):
+        left = whole - _sum(tables, [p.coefficients for p in parts])
+        theta = theta + _numbers(screen, free.model, left)
+    return FreeModel(free.model.at(theta), parts)
+
+
+def traces(
+    screen: FreeScreen, free: FreeModel, motions: Sequence[dict[Place, Motion]]
+) -> list[Array]:
+    """Traces (N, k) of each map's columns along the `motions`."""
+    entries = [(p.term, p.place) for p in free.parts]
+    return tables_of(screen, entries, [p.ranges for p in free.parts], motions)
+
+
+def _maps(
+    screen: FreeScreen, free: FreeModel, whole: Array, tables: Sequence[Array], early: bool
+) -> tuple[Part, ...]:
+    """The maps of `free` with the coefficients that explain `whole` best beyond the model's numbers."""
+    spans = [p.ranges for p in free.parts]
+    target = screen.beyond(whole)
     beyond = [screen.beyond(t) for t in tables]
     priors = []
     for k, (p, table) in enumerate(zip(free.parts, beyond, strict=True)):
@@ -73,25 +108,32 @@ def _step(screen: FreeScreen, free: FreeModel, now: Run, early: bool) -> FreeMod
         least = COARSE if early and p.term.along == "velocity" else 0.0
         priors.append(evidence(p.term, p.ranges, table, target - _sum(beyond, others), least))
     coefficients = posterior([p.term for p in free.parts], spans, beyond, priors, target)
-    theta = free.model.theta
-    if len(theta):
-        theta = theta + _numbers(screen, free.model, whole - _sum(tables, coefficients))
-    parts = tuple(
+    return tuple(
         replace(p, coefficients=c, length=e.length)
         for p, c, e in zip(free.parts, coefficients, priors, strict=True)
     )
-    return FreeModel(free.model.at(theta), parts)
 
 
 def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
     """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as
     far as they are believed (`Coordinate.doubt`)."""
-    j = screen.fit.jacobian
+    j = screen.slopes
     size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     belief = np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
     stacked = np.vstack([j / size, np.diag(belief / size)])
     target = np.append(left, -belief * model.theta)
     return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size
+
+
+def _first_below(
+    scene: Scene, ways: Sequence[FreeModel], cost: float
+) -> tuple[FreeModel, Run] | None:
+    """The first that leaves less than `cost`, with what it leaves."""
+    for free in ways:
+        run = run_of(scene, free)
+        if run is not None and run.cost < cost:
+            return free, run
+    return None
 
 
 def _between(a: FreeModel, b: FreeModel, share: float) -> FreeModel:

@@ -75,7 +75,8 @@ INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no 
 
 class Screen:
     """First-order contributions of effects to y, whitened, beyond what `fit` explains; along the motion
-    that its model makes, or that it makes in `along` (`followed.followed`): the machine's own."""
+    that its model makes, or that it makes in `along` (`followed.followed`): the machine's own.
+    `wanted` (N,): what is to be explained; `slopes` (N, p): what the model's own numbers do to it."""
 
     believing = False  # whether the model's own numbers pay for leaving their nominal values
 
@@ -87,14 +88,14 @@ class Screen:
         self._spectra: dict[Place, list[tuple[int, Array]]] = {}
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
         self._others: Array | None = None
-        columns, self._wanted = fit.jacobian, fit.white
+        self.slopes, self.wanted = fit.jacobian, fit.white
         if along is not None:
-            columns, self._wanted = self._led(along)
-        if along is not None or self.believing:
-            self.basis, self._taken = believed(columns, self.model)
+            self.slopes, self.wanted = self._led(along)
+        if self.slopes.shape[1] and (along is not None or self.believing):
+            self.basis, self._taken = believed(self.slopes, self.model)
         else:
-            self.basis, self._taken = orthonormal(columns), np.ones(())
-        self.residual = self.beyond(self._wanted)
+            self.basis, self._taken = orthonormal(self.slopes), np.ones(())
+        self.residual = self.beyond(self.wanted)
 
     def _led(self, along: Scene) -> tuple[Array, Array]:
         """(what the model's own numbers change in the whitened y along the motion, (N, p); what the
@@ -120,7 +121,7 @@ class Screen:
         """The view beyond what columns of other effects, (N, k) each, explain as well."""
         other = copy.copy(self)
         other._others = orthonormal(self.beyond(np.hstack(list(tables))))
-        other.residual = other.beyond(self._wanted)
+        other.residual = other.beyond(self.wanted)
         return other
 
     # --- filters ---------------------------------------------------------------------------------

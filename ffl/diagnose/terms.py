@@ -14,6 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffl.diagnose.mapped import (
+    BY_COMMAND,
+    BY_POSITION,
+    BY_VELOCITY,
+    DAMPING,
+    DRY,
+    GAIN,
+    GAIN_BY_SPEED,
+    INERTIA,
+    SHOWN_POSITION,
+    SHOWN_VELOCITY,
+)
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
 
@@ -30,7 +42,9 @@ class Term:
     """A family of maps: `columns(motion, ranges)` (N, k); `grid(ranges)` (k,) where the map lives, None
     where the columns have no order. `driver` and `along` say it: driver * g(along). `bank(motion,
     ranges, time constants)`: the columns of a history; `along_grid(motion, grid, values)`: the
-    map itself. `side` "sent": of the command as it was recorded, not simulated."""
+    map itself. `side` "sent": of the command as it was recorded, not simulated. `kind`: what it is to
+    the kernel (`mapped`), None where it is run by repetition; `levels`: its knots there, if not
+    those of `grid`."""
 
     name: str
     port: str
@@ -42,6 +56,14 @@ class Term:
     bank: Callable[[Motion, Ranges, Array], Array] | None = None
     along_grid: Callable[[Motion, Array, Array], Array] | None = None
     side: str = "sensor"
+    kind: int | None = None
+    levels: Callable[[Ranges], Array] | None = None
+
+    def knots(self, ranges: Ranges) -> Array:
+        """Where the map's values stand that the kernel runs it by."""
+        found = self.grid or self.levels
+        assert found is not None
+        return found(ranges)
 
     def signal(self, motion: Motion, ranges: Ranges, coefficients: Array) -> Array:
         """columns @ coefficients, (N,), without the table where there is a grid."""
@@ -248,6 +270,7 @@ def _gridded(
     driver: Callable[[Motion], Array | float],
     along: str,
     grid: Callable[[Ranges], Array],
+    kind: int,
 ) -> Term:
     signal = {"position": "x", "velocity": "v", "command": "u"}[along]
     return Term(
@@ -259,6 +282,7 @@ def _gridded(
         _map(driver, signal, grid),
         grid,
         along_grid=_driven(driver, signal),
+        kind=kind,
     )
 
 
@@ -293,19 +317,19 @@ def _command(m: Motion) -> Array:
 POSITION, VELOCITY, COMMAND = ("position",), ("velocity",), ("command",)
 HEAT = ("command", "history", "time")
 TERMS: tuple[Term, ...] = (
-    _gridded("position", "force", POSITION, "", _one, "position", _positions),
-    _gridded("velocity", "force", VELOCITY, "", _one, "velocity", _velocities),
+    _gridded("position", "force", POSITION, "", _one, "position", _positions, BY_POSITION),
+    _gridded("velocity", "force", VELOCITY, "", _one, "velocity", _velocities, BY_VELOCITY),
     _gridded(
         "direction by position", "force", ("position", "direction"), "sign(velocity)", _direction,
-        "position", _positions,
+        "position", _positions, DRY,
     ),
     _gridded(
         "velocity by position", "force", ("position", "velocity"), "velocity", _velocity,
-        "position", _few,
+        "position", _few, DAMPING,
     ),
     Term(
         "inertia by position", "force", ("position", "acceleration"), "acceleration", "position",
-        _inertia, _positions, along_grid=_inertia_along,
+        _inertia, _positions, along_grid=_inertia_along, kind=INERTIA,
     ),
     Term(
         "direction by size of command", "force", ("command", "direction"),
@@ -317,17 +341,26 @@ TERMS: tuple[Term, ...] = (
     ),
     _of_history("history of position", "force", ("history", "position"), "", "faded position", _faded),
     _of_history("heat of the command", "force", HEAT, "", "heat", _heat),
-    _gridded("command", "command", COMMAND, "", _one, "command", _commands),
+    _gridded("command", "command", COMMAND, "", _one, "command", _commands, BY_COMMAND),
     _gridded(
         "command by position", "command", ("command", "position"), "command", _command,
-        "position", _positions,
+        "position", _positions, GAIN,
     ),
-    Term("command by velocity", "command", ("command", "velocity"), "command", "speed", _pushed, None),
+    Term(
+        "command by velocity", "command", ("command", "velocity"), "command", "speed", _pushed, None,
+        kind=GAIN_BY_SPEED, levels=_speeds,
+    ),
     Term(
         "limit by speed", "command", ("command", "velocity"), "sign(command)",
         "|command| and speed", _limited, None, side="sent",
     ),
     _of_history("command by its heat", "command", HEAT, "command", "heat", _hot_gain),
-    _gridded("position at the sensor", "output", POSITION, "", _one, "position", _positions),
-    _gridded("velocity at the sensor", "output", VELOCITY, "", _one, "velocity", _velocities),
+    _gridded(
+        "position at the sensor", "output", POSITION, "", _one,
+        "position", _positions, SHOWN_POSITION,
+    ),
+    _gridded(
+        "velocity at the sensor", "output", VELOCITY, "", _one,
+        "velocity", _velocities, SHOWN_VELOCITY,
+    ),
 )  # fmt: skip

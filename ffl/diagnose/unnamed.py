@@ -26,6 +26,7 @@ from ffl.diagnose.freemodel import (
 )
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD, promise
+from ffl.diagnose.measured import measured
 from ffl.diagnose.model import Model
 from ffl.diagnose.unrest import without_unrest
 from ffl.diagnose.warmth import feels_heat
@@ -67,6 +68,7 @@ class Contest:
     needed: tuple[tuple[str, float], ...] = ()  # share of the evidence that each variable is worth
     formulas: tuple[Formula, ...] = ()
     lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
+    led: bool = False  # the map was seen along the motion as measured: free runs do not follow it
 
     @property
     def mapped(self) -> tuple[str, ...]:
@@ -121,6 +123,8 @@ def compare(
     maps = free_form(scene, held, nominal if named else standing)
     bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
+    if alone is None and (drawn := measured(scene, held, found)) is not None:
+        return Contest("unnamed", drawn, None, drawn.evidence, 0.0, None, drawn.variables, led=True)
     fitted, held_out, promised = _gains(scene, held, standing, alone) if alone else (0.0, 0.0, 0.0)
     gains = fitted, held_out
     if not named:
@@ -183,7 +187,7 @@ def _drawn(standing: Model) -> bool:
 def _after(alone: FreeForm) -> Events | None:
     """Bursts in what the maps leave: they come at times of their own, whatever a map has drawn of them.
     No map is perfect, so they must be plain to see (a creep's left 3, knocks 16)."""
-    left = alone.free.residuals(alone.scene)
+    left = alone.scene.residuals(alone.free)
     return None if left is None else replace(events(alone.scene, left), limit=PLAINLY)
 
 
@@ -201,7 +205,7 @@ def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
 
 def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
     """Sum of squares that the names leave in the fitted recordings, under the maps' noise."""
-    quiet = replace(scene, noise=alone.scene.noise)
+    quiet = scene.like(alone.scene)
     left = _left(quiet, standing, alone)
     return np.inf if left is None else float(np.sum(quiet.whiten(left) ** 2))
 
@@ -225,7 +229,7 @@ def _gains(
     """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise, and what
     the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
     fitted ones leave open is no map's."""
-    quiet = replace(scene, noise=alone.scene.noise)
+    quiet = scene.like(alone.scene)
     left = _left(quiet, standing, alone)
     if left is None:
         return np.inf, np.inf, np.inf
@@ -233,7 +237,7 @@ def _gains(
     fitted = held_gain(quiet.whiten(left), alone.white, all_of_it)
     if held is None or not held.trials:
         return fitted, fitted, np.inf
-    judged, bare = replace(held, noise=alone.scene.noise), alone.free.model
+    judged, bare = held.like(alone.scene), alone.free.model
     rivals = [standing]
     if not standing.effects and 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
         rivals.append(bare)
@@ -253,9 +257,9 @@ def _nearly(
 ) -> bool:
     """The names take off nearly all that the maps do: something is wrong with them, but not much. What
     `bare`, the linear model with corrections of its own, takes off is neither's."""
-    sets = [(replace(scene, noise=alone.scene.noise), alone.white, np.ones(len(alone.white), bool))]
+    sets = [(scene.like(alone.scene), alone.white, np.ones(len(alone.white), bool))]
     if held is not None and held.trials:
-        judged = replace(held, noise=alone.scene.noise)
+        judged = held.like(alone.scene)
         sets.append((judged, alone.held_white, alone.known))
     for ground, white, known in sets:
         none, named = ground.residuals(bare), _left(ground, standing, alone)
@@ -275,13 +279,12 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
     fitted and in the held-out recordings."""
     if beside is None:
         return False
-    noise = beside.scene.noise
     pairs = [(beside.scene, alone.scene, beside.white, np.ones(len(beside.white), bool))]
     if held is not None and held.trials:
-        judged, own = replace(held, noise=noise), alone.held or held
+        judged, own = held.like(beside.scene), alone.held or held
         pairs.append((judged, own, beside.held_white, alone.known & beside.known))
     for scene, own, white, known in pairs:
-        without = alone.free.residuals(replace(own, noise=noise))
+        without = own.residuals(alone.free)
         nothing = scene.residuals(nominal)
         if without is None or nothing is None:
             return True
@@ -302,7 +305,7 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
 def _described(contest: Contest, rng: Generator) -> Contest:
     winner = contest.winner
     assert winner is not None
-    screen = FreeScreen(winner.scene, winner.free.model)
+    screen = FreeScreen(winner.scene, winner.free)
     needed: dict[str, float] = {}
     formulas = []
     for index, part in enumerate(winner.parts):

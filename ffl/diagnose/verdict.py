@@ -97,6 +97,8 @@ def _nameless(contest: Contest) -> where.Place:
         )
     place = winner.parts[0].place
     said = f"{words(place)}: {where.phrase(contest.mapped)}"
+    if contest.led:
+        said += ", along the motion as measured; two runs of this machine part, and so do free runs"
     if contest.bursts_remain:
         said += "; and bursts, at times of their own, that it does not explain"
     return where.Place(

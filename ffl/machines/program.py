@@ -47,10 +47,12 @@ class Compiler:
         last: bool = False,
         before: float = 0.0,
         travel: float = 0.0,
+        others: Sequence[tuple[Effect, EffectSpec]] = (),
     ) -> Program:
         """Everything the kernel needs; with `last`, the last watched side gets a point at the end;
-        `before`, `travel`: see `Simulator.run`."""
-        catalogue = [effect_of(spec) for spec in effects]
+        `before`, `travel`, `others`: see `Simulator.run`."""
+        catalogue = [*(effect_of(spec) for spec in effects), *(effect for effect, _ in others)]
+        effects = [*effects, *(spec for _, spec in others)]
         checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
         mechanics, changes = self._mechanics, []
         for effect, spec, values in zip(catalogue, effects, checked, strict=True):

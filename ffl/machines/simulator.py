@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ffl.effects import Motion
+from ffl.effects import Effect, Motion
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
 from ffl.errors import InputError
@@ -156,6 +156,7 @@ class Simulator:
         substeps: int | None = None,
         watch: Sequence[Side] = (),
         applied: tuple[ArrayLike, Side] | None = None,
+        others: Sequence[tuple[Effect, EffectSpec]] = (),
     ) -> Simulation:
         """u = C_r r - C_y y + f, y = P (u + force), with `effects`; open loop: u = f.
 
@@ -165,13 +166,16 @@ class Simulator:
         are sides whose motion is wanted. `before` is the command (input units) that was held until
         the first sample: what a delay or a lag of the command still remembers; `travel` the distance
         (output units, signed) covered in one direction until then: what a contact still remembers.
+        `others`: effects of no catalogue, which act after those of the same port.
         Deterministic. Raises
         `InputError` for signals of unequal length and for effects that do not apply to the plant.
         """
         signals = _signals(reference, feedforward, force, noise, applied and applied[0])
         n = len(signals[0])
         wanted = [*watch, applied[1]] if applied else list(watch)
-        program = self._compiler.compile(effects, substeps, wanted, bool(applied), before, travel)
+        program = self._compiler.compile(
+            effects, substeps, wanted, bool(applied), before, travel, others
+        )
         delay = self.mechanics.delay
         if delay:  # the force enters with the command it stands beside
             signals[2][:] = np.concatenate(
@@ -193,7 +197,7 @@ class Simulator:
             state,
             out,
         )  # fmt: skip
-        contribution = np.zeros((n, len(effects)))
+        contribution = np.zeros((n, len(effects) + len(others)))
         for column, index in enumerate(program.index):
             contribution[:, index] += out[4][:, column]
         ring = np.roll(state[2], -(n % delay)) if delay else state[2]

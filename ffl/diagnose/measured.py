@@ -1,0 +1,78 @@
+"""Maps along the motion as it was measured: where no two free runs agree.
+
+A stage that jumps between two states, or drag that falls with speed on a spring, goes its own way from
+the first breath of noise. No free run follows it, whatever map it is given, and what is judged by free
+runs has no name and no shape there. The force that leads the model where the machine was (`followed`)
+is still a function of the motion: a map that draws it in the fitted recordings, and with the same
+numbers in those that judge, says what is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.followed import SWINGS, followed
+from ffl.diagnose.freeform import (
+    SIMPLER,
+    FreeForm,
+    as_measured,
+    bare,
+    entries_of,
+    motions_of,
+    ranked,
+)
+from ffl.diagnose.freemodel import FreeModel, FreeScreen
+from ffl.diagnose.freestep import traces
+from ffl.systems.state_space import Array
+
+FITTED = (
+    0.9  # of the squares that the force does to y: what a map must draw of it where it was fitted,
+)
+JUDGED = 0.8  # and with the same numbers in the recordings that judge
+
+
+def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
+    """The map that draws the force which leads the linear model where the machine was, of those that do so
+    the one of fewest variables; None where free runs of what was `found` come near it by themselves,
+    or no map draws it."""
+    none = replace(found.model, effects=(), corrections={})
+    current = bare(scene, held, none)
+    view = None if current is None else as_measured(current, found)
+    entries = ranked(view, current, entries_of(none)) if current and view else []
+    if view is None or not entries:
+        return None
+    near = [e for e in entries if e.evidence.gain >= SIMPLER * entries[0].evidence.gain]
+    judging = _judging(held, view)
+    for entry in sorted(near, key=lambda e: len(e.part.term.variables)):
+        free = entry.as_measured
+        white, drawn = _left(view, free)
+        held_white, confirmed = _left(judging, free) if judging else (np.zeros(0), 1.0)
+        if drawn > FITTED and confirmed > JUDGED:
+            known = np.ones(len(held_white), bool)
+            gain = entry.evidence.gain
+            return FreeForm(free, view.scene, gain, white, held_white, known, held=held)
+    return None
+
+
+def _judging(held: Scene | None, view: FreeScreen) -> FreeScreen | None:
+    """The same view of the recordings that judge; None where they hardly show what is missing."""
+    if held is None or not held.trials:
+        return None
+    ground, model = held.like(view.scene), view.model
+    if ground.cost(model) < SWINGS * ground.samples:
+        return None
+    along = followed(ground, model)
+    return None if along is None else FreeScreen(ground, FreeModel(model), along)
+
+
+def _left(view: FreeScreen, free: FreeModel) -> tuple[Array, float]:
+    """What the map of `free` leaves of what the force does to the whitened y, (N,), and the share of its
+    squares that it draws."""
+    motions = motions_of(FreeModel(view.model), view.along or view.scene, [free.parts[0].place])
+    if motions is None:
+        return view.wanted, 0.0
+    left = view.wanted - traces(view, free, motions)[0] @ free.parts[0].coefficients
+    return left, 1.0 - float(left @ left) / float(view.wanted @ view.wanted)

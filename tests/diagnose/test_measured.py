@@ -1,0 +1,106 @@
+"""A stage that no free run follows: the map is seen along the motion as it was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.measured import measured
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.trials import prepare
+from ffl.recordings import Recording
+from ffl.systems.plant_file import plant_from_dict
+
+STEP, MASS, FREQUENCY, DAMPING, N = 2.5e-4, 2.0, 30.0, 0.03, 6000
+SUBSTEPS = 10
+W = 2 * np.pi * FREQUENCY
+SENSOR, FORCE = 4e-9, 0.02  # m, N: noise
+PEAK, SPEED = 2.0, 2e-3  # N, m/s: most drag of the brake, and where it is
+
+
+def brake(v):  # type: ignore[no-untyped-def]
+    return -2 * PEAK * (v / SPEED) / (1 + (v / SPEED) ** 2)
+
+
+def run(seed, drag, size=8.0):  # type: ignore[no-untyped-def]
+    """The stage under steps that are shaped, with noise of the force held over each sample."""
+    rng = np.random.default_rng(seed)
+    t = STEP * np.arange(N)
+    u = size * np.tanh(10 * np.sin(2 * np.pi * (2.0 + 0.7 * (seed % 10)) * t)) * (t > 0.05)
+    pushed, x, v, y = u + FORCE * rng.standard_normal(N), 0.0, 0.0, np.empty(N)
+    h = STEP / SUBSTEPS
+
+    def slope(x, v, f):  # type: ignore[no-untyped-def]
+        return (f + drag(v)) / MASS - 2 * DAMPING * W * v - W**2 * x
+
+    for k, f in enumerate(pushed):
+        y[k] = x
+        for _ in range(
+            SUBSTEPS
+        ):  # the midpoint rule, in steps far shorter than the brake's own time
+            x, v = (
+                x + h * (v + 0.5 * h * slope(x, v, f)),
+                v + h * slope(x + 0.5 * h * v, v + 0.5 * h * slope(x, v, f), f),
+            )
+    seen = y + SENSOR * rng.standard_normal(N)
+    return Recording(t, np.zeros(N), u, u, seen, sample_time=STEP, source=f"run {seed}")
+
+
+@pytest.fixture(scope="module")
+def spring():  # type: ignore[no-untyped-def]
+    pole = W * np.array([-DAMPING, np.sqrt(1 - DAMPING**2)])
+    return plant_from_dict(
+        {
+            "name": "spring",
+            "sample_time": STEP,
+            "units": {"input": "N", "output": "m"},
+            "plant": {
+                "form": "czpk", "zeros": [], "gain": 1.0 / MASS,
+                "poles": [pole.tolist(), (pole * [1, -1]).tolist()],
+            },
+            "machine": {"sensor_noise": SENSOR, "force_noise": FORCE},
+        }
+    )  # fmt: skip
+
+
+def scenes(spring, runs):  # type: ignore[no-untyped-def]
+    base = Base.of(spring, float(np.ptp(runs[0].y)), N * STEP)
+    trials = [prepare(base.simulator, r, SENSOR) for r in runs]
+    scene, held = (Scene(spring.loop, (trial,), Noise(SENSOR, FORCE)) for trial in trials)
+    return scene, held, Model(base)
+
+
+def test_a_brake_that_lets_go_is_seen_along_the_motion(spring):  # type: ignore[no-untyped-def]
+    scene, held, model = scenes(spring, [run(1, brake), run(2, brake)])
+    found = measured(scene, held, fit(scene, model))
+    assert found is not None
+    assert found.variables == ("velocity",)
+    part = found.parts[0]
+    at = np.array([-2.0, -1.0, 1.0, 2.0]) * SPEED
+    drawn = np.interp(at, part.term.knots(part.ranges), part.coefficients)
+    np.testing.assert_allclose(drawn, brake(at), rtol=0.1)
+
+
+def test_noise_alone_draws_no_map(spring):  # type: ignore[no-untyped-def]
+    """The stage shaken by somebody: a force that leads there exists, and is no function of the motion."""
+    rng = np.random.default_rng(7)
+    runs = []
+    for seed in (1, 2):
+        shaken = 0.5 * np.convolve(rng.standard_normal(N + 30), np.ones(31), "valid")
+        runs.append(run(seed, lambda v: 0.0))
+        loop = spring.loop.process_sensitivity
+        runs[-1] = Recording(
+            runs[-1].t, runs[-1].r, runs[-1].f, runs[-1].u, runs[-1].y + loop.filter(shaken),
+            sample_time=STEP, source=f"shaken {seed}",
+        )  # fmt: skip
+    scene, held, model = scenes(spring, runs)
+    fitted = fit(scene, model)
+    assert fitted.cost > 4.0 * scene.samples
+    assert measured(scene, held, fitted) is None
+
+
+def test_where_free_runs_come_near_nothing_is_to_be_seen(spring):  # type: ignore[no-untyped-def]
+    scene, held, model = scenes(spring, [run(1, lambda v: 0.0), run(2, lambda v: 0.0)])
+    assert measured(scene, held, fit(scene, model)) is None
