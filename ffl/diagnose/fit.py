@@ -31,6 +31,7 @@ STALE = 4  # rank-one updates on which small steps are no longer believed to be 
 SLOW = 0.3  # of the sum of squares: a small step
 ASTRAY = 0.25  # of a round: one simulation instead of one for every number
 CLOSING = 0.7  # of the way to a goal that four rounds may leave
+SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 PATIENCE = 32  # rounds at most on the way to a goal
 Key = tuple[str, str, int, tuple[str, int] | None]
 
@@ -208,6 +209,17 @@ class Fit:
         """Sum of squares of the whitened residual."""
         return float(self.white @ self.white)
 
+    @property
+    def far(self) -> bool:
+        """So far from what was measured that first orders may mislead, and corrections stand for what is
+        missing."""
+        return self.cost > SWINGS * len(self.white)
+
+    @property
+    def loop(self) -> Loop:
+        """What colours the noise."""
+        return colouring(self.model, self.far)
+
     @cached_property
     def spread(self) -> Array:
         """Standard deviation of theta; infinite where the data see nothing."""
@@ -231,6 +243,11 @@ class Fit:
         inflate = max(1.0, self.cost / max(len(self.white) - j.shape[1], 1))
         with np.errstate(over="ignore"):  # what the data do not see has no finite spread
             return inflate * (half @ half.T) / np.outer(scale, scale)
+
+
+def colouring(model: Model, far: bool) -> Loop:
+    """What colours the noise: the linear loop as it stands, or as it was stated where that is `far` off."""
+    return (replace(model, corrections={}) if far else model).loop
 
 
 def jacobian(

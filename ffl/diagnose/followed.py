@@ -19,7 +19,6 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.wiener import Wiener
 
-SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 OFF = 0.01  # of the travel: a simulation further off is elsewhere than the machine
 OTHERWISE = 0.1  # of the power of the command: one that differs by more is another one
 STEPS = 4  # times the force is corrected: beside effects the loop answers it as no linear one does

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.events import SHORT
-from ffl.diagnose.fit import Fit, Scene, fit
-from ffl.diagnose.followed import SWINGS, astray, followed
+from ffl.diagnose.fit import SWINGS, Fit, Scene, colouring, fit
+from ffl.diagnose.followed import astray, followed
 from ffl.diagnose.freemodel import (
     SENT,
     Evidence,
@@ -149,10 +149,7 @@ def bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
         return None
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
     fitted = fit(quiet, model)
-    model = fitted.model
-    stated = replace(model, corrections={})
-    quiet = replace(quiet, loop=(stated if bent(quiet, fitted) else model).loop)
-    return _judged(quiet, held, FreeModel(model), 0.0)
+    return _judged(replace(quiet, loop=fitted.loop), held, FreeModel(fitted.model), 0.0)
 
 
 def least_noise(scene: Scene, model: Model, residuals: Sequence[Array]) -> Noise:
@@ -290,7 +287,7 @@ def words(place: Place) -> str:
 
 def bent(scene: Scene, fitted: Fit) -> bool:
     """Whether the linear model, far from what was measured, has numbers that stand for what is missing."""
-    return fitted.cost > SWINGS * scene.samples and astray(scene, fitted.model)
+    return fitted.far and astray(scene, fitted.model)
 
 
 def as_measured(current: FreeForm, fitted: Fit) -> FreeScreen | None:
@@ -397,7 +394,8 @@ def _quieter(found: FreeForm) -> FreeForm:
     for _ in range(PASSES):
         scene = found.scene
         residuals = scene.residuals(found.free) or []
-        scene = replace(scene, loop=found.free.model.loop)
+        far = found.cost > SWINGS * len(found.white)
+        scene = replace(scene, loop=colouring(found.free.model, far))
         other = scene.with_noise_of(residuals, coloured=False, quantile=QUIET)
         screen = FreeScreen(other, found.free)
         again = _fitted(screen, found.free, found.held, found.evidence, 0.0, ROUNDS)

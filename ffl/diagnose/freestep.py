@@ -115,11 +115,13 @@ def _maps(
 
 
 def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
-    """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as
-    far as they are believed (`Coordinate.doubt`)."""
+    """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as far as
+    they are believed (`Coordinate.doubt`), beside what the maps do not explain yet: louder than noise, it
+    tells them no better than its own size."""
     j = screen.slopes
     size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
-    belief = np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
+    loud = max(float(np.sqrt(np.mean(left**2))), 1.0)
+    belief = loud * np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
     stacked = np.vstack([j / size, np.diag(belief / size)])
     target = np.append(left, -belief * model.theta)
     return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size

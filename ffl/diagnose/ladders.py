@@ -10,7 +10,6 @@ import numpy as np
 
 from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.fit import Fit, Scene
-from ffl.diagnose.followed import SWINGS
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -137,7 +136,7 @@ def overlooked(
     is far from what was measured (a limit that makes the loop swing), a start from which the sum of
     squares falls to a small part; a limit of the command, unless it is `taken`, also where first order
     proposes none."""
-    if base.fit.cost < SWINGS * len(base.fit.white):
+    if not base.fit.far:
         return []
     names = {c.spec.name for c in listed}
     out = []

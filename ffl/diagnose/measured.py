@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Fit, Scene
-from ffl.diagnose.followed import SWINGS, followed
+from ffl.diagnose.fit import SWINGS, Fit, Scene
+from ffl.diagnose.followed import followed
 from ffl.diagnose.freeform import (
     SIMPLER,
     FreeForm,

@@ -18,7 +18,7 @@ import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, spec_of
 from ffl.diagnose.fit import Fit, Scene, jacobian
-from ffl.diagnose.followed import SWINGS, astray, followed
+from ffl.diagnose.followed import astray, followed
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -337,7 +337,7 @@ def as_measured(scene: Scene, fit: Fit) -> Screen | None:
     an observer leads it there by itself."""
     if scene.observed:
         return None
-    if fit.cost < SWINGS * len(fit.white) or not astray(scene, fit.model):
+    if not fit.far or not astray(scene, fit.model):
         return None
     along = followed(scene, fit.model)
     return None if along is None else Screen(scene, fit, along)

@@ -20,7 +20,6 @@ from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
 from ffl.diagnose.fit import Fit, Scene, fit
-from ffl.diagnose.followed import SWINGS
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
 from ffl.diagnose.harmonics import with_harmonics
@@ -140,9 +139,8 @@ def _climb(
     again, at_once = False, True
     while True:
         # Noise has the colour of the loop as it stands: a mode 2 % off is loud where the nominal one is
-        # not, and a sine there found 34 nats. Far off, corrections stand for what is missing.
-        stated = replace(standing.model, corrections={})
-        scene = replace(scene, loop=(stated if _far(standing) else standing.model).loop)
+        # not, and a sine there found 34 nats.
+        scene = replace(scene, loop=standing.fit.loop)
         held = None if held is None else replace(held, loop=scene.loop)
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(
@@ -222,7 +220,7 @@ def _round(
     accepted, several = None, None
     if sets and sets[0].share < HIDDEN:
         accepted = several = together(quiet, held, base, sets, threshold, say)
-    if several is None or _far(several):
+    if several is None or several.fit.far:
         entrants = _entrants(quiet, base, views, taken)
         base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
         if sets and several is None:
@@ -256,7 +254,7 @@ def _entrants(
 ) -> list[Candidate]:
     """Who of those in each view is worth a fit, and whom first order overlooks."""
     # Far from what was measured first orders do not tell one point from another.
-    places, points, out = SHORTLIST if _far(base) else 2, points_of(base.model), []
+    places, points, out = SHORTLIST if base.fit.far else 2, points_of(base.model), []
     for view in views:
         listed = shortlist(view.allowed, places=places, points=points)
         out += listed + overlooked(quiet, base, view.screen.fit, view.fresh, listed, taken)
@@ -296,11 +294,6 @@ def _one_more(
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
         worthy = _claimants(held, base, rivals, threshold)
     return base, rivals, worthy[0] if worthy else None
-
-
-def _far(judged: Judged) -> bool:
-    """So far from what was measured that first orders may mislead."""
-    return judged.fit.cost > SWINGS * len(judged.fit.white)
 
 
 def _above(several: Judged, single: Judged, rivals: Sequence[Judged]) -> bool:

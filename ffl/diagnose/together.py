@@ -17,8 +17,7 @@ import numpy as np
 import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, with_coefficients
-from ffl.diagnose.fit import Fit, Scene, fit
-from ffl.diagnose.followed import SWINGS
+from ffl.diagnose.fit import SWINGS, Fit, Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -78,7 +77,7 @@ def starts(
 ) -> list[Together]:
     """Sets of effects, `most` at most, that to first order leave much less than any single one, best
     first; none near what was measured, where one comes after the other."""
-    if most < 2 or base.fit.cost < SWINGS * len(base.fit.white):
+    if most < 2 or not base.fit.far:
         return []
     screens = [pair for pair in screens if pair[0].along is not None] or screens
     return _best([found for screen, seen in screens for found in sets(screen, seen, most)], TUNED)
