@@ -53,6 +53,8 @@ def conclude(
 ) -> Diagnosis:
     """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
     recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
+    told = replace(standing.fit, model=standing.model.within_a_turn())
+    standing = replace(standing, fit=told)
     if standing.predicted:  # nothing that a free run leaves says what is still missing
         nameless = Contest("named", None, None, 0.0, 0.0, None)
     else:

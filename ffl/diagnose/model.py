@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -360,6 +361,18 @@ class Model:
         """With other numbers of effect `index`."""
         effects = list(self.effects)
         effects[index] = replace(effects[index], parameters=parameters)
+        return replace(self, effects=tuple(effects))
+
+    def within_a_turn(self) -> Model:
+        """The same machine with every phase told between -pi and pi."""
+        effects = []
+        for spec in self.effects:
+            angles = {
+                name: math.remainder(value, 2.0 * math.pi)
+                for name, value in spec.parameters.items()
+                if EFFECTS[spec.name].parameter(name).unit == "rad"
+            }
+            effects.append(replace(spec, parameters={**spec.parameters, **angles}))
         return replace(self, effects=tuple(effects))
 
     def without(self, index: int) -> Model:

@@ -84,3 +84,16 @@ def test_a_loop_that_runs_away_colours_nothing(two_masses):  # type: ignore[no-u
     base = Base.of(two_masses)
     gone = Model(base, {"damping": -1e4})
     assert gone.loop is two_masses.loop
+
+
+def test_a_phase_is_told_within_a_turn():
+    base = Base.of(load_plant("emps"), travel=0.2)
+    values = {"amplitude": 1.0, "period": 0.02, "phase": 32.4, "amplitude_2": 0.3, "phase_2": -7.0}
+    model = Model(base, effects=(EffectSpec("cogging", values), WAVE))
+    told = model.within_a_turn().effects[0].parameters
+    for name in ("phase", "phase_2"):
+        assert abs(told[name]) <= np.pi
+        assert np.sin(told[name]) == pytest.approx(np.sin(values[name]), abs=1e-12)
+    assert {k: v for k, v in told.items() if "phase" not in k} == {
+        k: v for k, v in values.items() if "phase" not in k
+    }
