@@ -12,6 +12,7 @@ from ffl.diagnose import sound
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.fit import Scene
+from ffl.diagnose.heard import with_modes_heard
 from ffl.diagnose.judging import judge, raw_error
 from ffl.diagnose.line import across_the_line, renamed
 from ffl.diagnose.model import Base, Model
@@ -154,7 +155,8 @@ def _diagnose_output(
     standing = (
         renamed(standing) if standing.predicted else across_the_line(standing.scene, held, standing)
     )
-    held = with_starts(replace(held, noise=standing.scene.noise), standing.model)
+    standing = with_modes_heard(held, standing)
+    held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others
         own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
