@@ -31,6 +31,7 @@ STALE = 4  # rank-one updates on which small steps are no longer believed to be 
 SLOW = 0.3  # of the sum of squares: a small step
 ASTRAY = 0.25  # of a round: one simulation instead of one for every number
 CLOSING = 0.7  # of the way to a goal that four rounds may leave
+MISTAKEN = 5.0  # times what is believed of a number of the linear model (a mass to 3 %)
 SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 PATIENCE = 32  # rounds at most on the way to a goal
 Key = tuple[str, str, int, tuple[str, int] | None]
@@ -246,8 +247,11 @@ class Fit:
 
 
 def colouring(model: Model, far: bool) -> Loop:
-    """What colours the noise: the linear loop as it stands, or as it was stated where that is `far` off."""
-    return (replace(model, corrections={}) if far else model).loop
+    """What colours the noise: the linear loop as it stands; as it was stated where that is `far` off, or
+    has numbers that no engineer mistakes so much: they stand for what is missing."""
+    numbers = zip(model.coordinates, model.theta, strict=True)
+    bent = any(abs(at) > MISTAKEN * c.doubt for c, at in numbers if c.kind == "correction")
+    return (replace(model, corrections={}) if far or bent else model).loop
 
 
 def jacobian(
