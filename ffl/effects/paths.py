@@ -8,7 +8,7 @@ from numba import njit
 from ffl.systems.state_space import Array
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")  # called from outside kernels too
 def bouc_wen_step(z, move, displacement, exponent, beta, hardens=0.0):  # type: ignore[no-untyped-def]
     """z after a displacement `move` of one sign: dz = dx/displacement (1 - |z|^n ((1 - beta) +
     beta sign(z dx))); where it `hardens` (1.0) dz = dx/displacement (1 + |z|^n ((1 + beta) -

@@ -37,7 +37,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         end = following
         if done:
             break
-    static = _level(p, 0.0)
+    static = p[0] + (p[1] - p[0])  # the level at rest, to the bit
     line, back = (start, middle, end), (static, static, static)
     rests = (
         set_friction(io, s[0] != 0.0, line, back, static, static)
