@@ -101,10 +101,10 @@ class Scene:
         """y - yhat of each recording; None where the simulation leaves all bounds."""
         out = []
         for trial in self.trials:
-            run = model.attempt(trial)
-            if run is None:
+            y = model.output(trial)
+            if y is None:
                 return None
-            out.append(trial.y - run.y)
+            out.append(trial.y - y)
         return out
 
     def cost(self, model: Model) -> float:

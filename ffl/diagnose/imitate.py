@@ -50,7 +50,7 @@ def imitated(
     def run(trial: Trial, force: Array | float = 0.0, sensor: Array | None = None) -> Simulation:
         load = 0.0 if trial.load is None else trial.load
         return simulator.run(
-            plant.effects,
+            program,
             trial.reference,
             trial.feedforward,
             force=np.zeros(len(trial)) + load + force,
@@ -65,6 +65,7 @@ def imitated(
     leads = [min(LEAD, len(t)) if t.at_rest else 0 for t in trials]
     trials = [t.held_before(lead) for t, lead in zip(trials, leads, strict=True)]
     try:
+        program = simulator.prepare(plant.effects)
         still = [run(t) for t in trials]
         for _ in range(draws):
             one = Imitation([], [])

@@ -56,6 +56,14 @@ class Trial:
         return len(self.y)
 
     @property
+    def drive(self) -> tuple[object, ...]:
+        """What a simulation takes of it, signals and states by identity: the same for trials that differ
+        in what their samples count for."""
+        arrays = self.reference, self.feedforward, self.load, self.u, self.start, self.mechanics
+        start = self.start_time, self.travel, self.loaded, self.at_rest, self.off
+        return (*map(id, arrays), *start)
+
+    @property
     def before(self) -> float:
         """The command held until the first sample, as near as it is known: the first one, input
         units; none where the drive was off. A machine that holds a spring has had it for long."""

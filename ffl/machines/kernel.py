@@ -134,7 +134,8 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
         if delay > 0:
             u, ring[k % delay] = ring[k % delay], u
         # --- move --------------------------------------------------------------------------------
-        x_out[k], v_out[k] = x0, v0
+        for w in range(n_points):
+            x_out[k, w], v_out[k, w] = x0[w], v0[w]
         driven = 0.0
         for sub in range(substeps):
             io[TIME] = time + sub * h

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,7 @@ MODE_ANGLE = 0.4  # the same for the first mode, where dry friction excites it
 FALL = 0.15  # and for friction that falls with speed to change the velocity by this share of it
 MOST_FALL_STEPS = 8
 MOST_SUBSTEPS = 64
+SAME = 1e-9  # of the largest number of a point, and of each: nearer than this two points are one
 TIME = frozenset({"time", "temperature"})  # what goes on whatever the machine does
 
 Side = tuple[str, float | None]
@@ -45,12 +47,10 @@ class Compiler:
         substeps: int | None = None,
         watch: Sequence[Side] = (),
         last: bool = False,
-        before: float = 0.0,
-        travel: float = 0.0,
         others: Sequence[tuple[Effect, EffectSpec]] = (),
     ) -> Program:
         """Everything the kernel needs; with `last`, the last watched side gets a point at the end;
-        `before`, `travel`, `others`: see `Simulator.run`."""
+        `others`: see `Simulator.run`."""
         catalogue = [*(effect_of(spec) for spec in effects), *(effect for effect, _ in others)]
         effects = [*effects, *(spec for _, spec in others)]
         checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
@@ -87,23 +87,18 @@ class Compiler:
             discrete = _discretise(mechanics, points.found, substeps)
             if not changes:
                 self._prepared[key] = discrete
-        states = []
-        for effect, packed in ((actor.effect, actor.packed) for actor in actors):
-            state = effect.after_command(effect.initial_state(packed, discrete.step), before)
-            states.append(effect.after_travel(state, packed, travel) if travel else state)
         return Program(
             mechanics,
             discrete,
             points.index,
+            len(effects),
+            tuple(actors),
             np.array([actor.index for actor in actors], np.int64),
             np.array([address_of(actor.law) for actor in actors], np.int64),
             np.array([PORTS[actor.port] for actor in actors], np.int64),
             np.array([actor.where for actor in actors], np.int64),
             np.array([actor.effect.remembers for actor in actors], np.bool_),
-            _offsets([actor.packed for actor in actors]),
-            _offsets(states),
-            np.array([value for actor in actors for value in actor.packed] or [0.0]),
-            np.array([value for values in states for value in values] or [0.0]),
+            *_packed([actor.packed for actor in actors]),
         )
 
     def _setting(self, mechanics: Mechanics, spec: EffectSpec) -> Setting:
@@ -167,7 +162,7 @@ class Points:
 
 def _same(one: Point, other: Point) -> bool:
     return one is other or all(
-        np.allclose(a, b, rtol=1e-9, atol=1e-9 * float(np.abs(b).max(initial=0.0)))
+        np.all(np.abs(a - b) <= SAME * np.abs(b).max(initial=0.0) + SAME * np.abs(b))
         for a, b in (
             (one.force, other.force),
             (one.position, other.position),
@@ -210,24 +205,39 @@ class _Actor:
 
 @dataclass(frozen=True)
 class Program:
-    """What the kernel runs: laws by address, where they act, their packed parameters and states."""
+    """What the kernel runs: laws by address, where they act, their packed parameters. Of the `effects`
+    (their number) it was compiled from, `actors` are those that act beside the linear part."""
 
     mechanics: Mechanics
     discrete: Discrete
     sides: dict[Side, int]
+    effects: int
+    actors: tuple[_Actor, ...]
     index: Array
     addresses: Array
     ports: Array
     where: Array
     remembers: Array
     at_p: Array
-    at_s: Array
     p: Array
-    s: Array
+
+    def states(self, before: float, travel: float) -> tuple[Array, Array]:
+        """(where each effect's states begin, all states at the start); `before`, `travel`: see
+        `Simulator.run`."""
+        states = []
+        for actor in self.actors:
+            effect, packed = actor.effect, actor.packed
+            state = effect.initial_state(packed, self.discrete.step)
+            state = effect.after_command(state, before)
+            states.append(effect.after_travel(state, packed, travel) if travel else state)
+        return _packed(states)
 
 
-def _offsets(parts: Sequence[Sequence[float]]) -> Array:
-    return np.cumsum([0, *[len(part) for part in parts[:-1]]]).astype(np.int64)[: len(parts)]
+def _packed(parts: Sequence[Sequence[float]]) -> tuple[Array, Array]:
+    """(where each part begins, all of them in a row)."""
+    starts = [0, *itertools.accumulate(len(part) for part in parts[:-1])][: len(parts)]
+    values = list(itertools.chain.from_iterable(parts))
+    return np.array(starts, np.int64), np.array(values or [0.0])
 
 
 def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> Discrete:

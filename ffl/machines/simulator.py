@@ -15,7 +15,7 @@ from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
 from ffl.errors import InputError
 from ffl.machines.kernel import run_loop
-from ffl.machines.program import Compiler, Side
+from ffl.machines.program import Compiler, Program, Side
 from ffl.systems.loop import closed_loop
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array, StateSpace
@@ -139,9 +139,18 @@ class Simulator:
         states = np.linalg.lstsq(rows, target, rcond=None)[0]
         return np.concatenate([solution[:size], np.full(m.delay, command), states])
 
+    def prepare(
+        self,
+        effects: Sequence[EffectSpec],
+        substeps: int | None = None,
+        watch: Sequence[Side] = (),
+    ) -> Program:
+        """`effects` made ready once for many runs: 0.1 to 0.3 ms each time, a tenth to a half of a run."""
+        return self._compiler.compile(effects, substeps, watch)
+
     def run(
         self,
-        effects: Sequence[EffectSpec] = (),
+        effects: Sequence[EffectSpec] | Program = (),
         reference: ArrayLike | None = None,
         feedforward: ArrayLike | None = None,
         *,
@@ -158,7 +167,8 @@ class Simulator:
         applied: tuple[ArrayLike, Side] | None = None,
         others: Sequence[tuple[Effect, EffectSpec]] = (),
     ) -> Simulation:
-        """u = C_r r - C_y y + f, y = P (u + force), with `effects`; open loop: u = f.
+        """u = C_r r - C_y y + f, y = P (u + force), with `effects`, as such or as `prepare` made them
+        ready (`substeps` and `watch` then count for nothing, and no force is `applied`); open loop: u = f.
 
         `reference`, `feedforward`, `force` (beside u, in input units: known load, force noise) and
         `noise` (added to the measured y) are (N,) or None for zero. `applied` is a force (input
@@ -172,10 +182,11 @@ class Simulator:
         """
         signals = _signals(reference, feedforward, force, noise, applied and applied[0])
         n = len(signals[0])
-        wanted = [*watch, applied[1]] if applied else list(watch)
-        program = self._compiler.compile(
-            effects, substeps, wanted, bool(applied), before, travel, others
-        )
+        if isinstance(effects, Program):
+            program = effects
+        else:
+            wanted = [*watch, applied[1]] if applied else list(watch)
+            program = self._compiler.compile(effects, substeps, wanted, bool(applied), others)
         delay = self.mechanics.delay
         if delay:  # the force enters with the command it stands beside
             signals[2][:] = np.concatenate(
@@ -183,6 +194,7 @@ class Simulator:
             )
         state = self._split_state(start, program.mechanics)
         m, d = program.mechanics, program.discrete
+        at_s, s = program.states(before, travel)
         positions, velocities = np.empty((2, n, len(d.rows_x)))
         out = (*np.empty((2, n)), positions, velocities, np.zeros((n, len(program.addresses))))
         run_loop(
@@ -193,11 +205,11 @@ class Simulator:
             (self.controller.a, self.controller.b, self.controller.c, self.controller.d),
             (float(encoder_resolution), float(command_limit or np.inf)),
             (program.addresses, program.ports, program.where, program.remembers, program.at_p,
-             program.at_s, program.p, program.s.copy()),
+             at_s, program.p, s),
             state,
             out,
         )  # fmt: skip
-        contribution = np.zeros((n, len(effects) + len(others)))
+        contribution = np.zeros((n, program.effects))
         for column, index in enumerate(program.index):
             contribution[:, index] += out[4][:, column]
         ring = np.roll(state[2], -(n % delay)) if delay else state[2]
@@ -241,13 +253,15 @@ class Simulator:
                 f"simulate: start has shape {vector.shape}, expected ({self.n_states},): plant, "
                 "commands under way, controller"
             )
-        n = self.mechanics.order
-        cuts = np.cumsum([self.mechanics.own, self.mechanics.fast.order])
-        cuts = np.append(cuts, cuts[-1] + self.mechanics.delay)
-        x, fast, ring, controller = np.split(vector, cuts)
-        x = np.append(x, np.zeros(n - self.mechanics.own))  # the integral of a speed starts at 0
-        x = np.concatenate([x, mechanics.hung @ x]) if mechanics.order > n else x
-        return x.copy(), fast.copy(), ring.copy(), controller.copy()
+        n, own = self.mechanics.order, self.mechanics.own
+        ring_at = self.n_plant
+        controller_at = ring_at + self.mechanics.delay
+        x = np.zeros(mechanics.order)  # the integral of a speed starts at 0
+        x[:own] = vector[:own]
+        if mechanics.order > n:
+            x[n:] = mechanics.hung @ x[:n]
+        ring, controller = vector[ring_at:controller_at], vector[controller_at:]
+        return x, vector[own:ring_at].copy(), ring.copy(), controller.copy()
 
 
 def simulate(
