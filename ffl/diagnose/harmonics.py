@@ -14,7 +14,7 @@ import numpy as np
 from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged, judge, levelled
 from ffl.diagnose.model import Model
-from ffl.diagnose.screen import orthonormal
+from ffl.diagnose.span import orthonormal
 from ffl.effects import EFFECTS
 from ffl.effects.periods import Repeating, harmonics
 

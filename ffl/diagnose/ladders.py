@@ -14,7 +14,7 @@ from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place
-from ffl.diagnose.screen import orthonormal
+from ffl.diagnose.span import orthonormal
 from ffl.diagnose.triangle import lengths
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec

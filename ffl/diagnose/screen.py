@@ -8,7 +8,7 @@ judged by what they take off the residual beyond the linear model's own freedom.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -20,7 +20,6 @@ from ffl.diagnose.candidate import Candidate, spec_of
 from ffl.diagnose.fit import Fit, Scene, jacobian
 from ffl.diagnose.followed import astray, followed
 from ffl.diagnose.linear import discrete
-from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import (
     Place,
@@ -29,6 +28,7 @@ from ffl.diagnose.places import (
     mass_is_corrected,
     places_of,
 )
+from ffl.diagnose.span import believed, orthonormal
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.effects import EFFECTS, Effect, Motion
@@ -54,7 +54,6 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "actuator_lag",
     "flexible_mode",
 )
-FREE = 1e6  # standard deviations of the noise that a number without a prior may do to y
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -71,6 +70,9 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 
 BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
 INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no mass to part
+
+
+Tables = dict[tuple[tuple[str, float], ...], Array]  # columns of one effect by what shapes them
 
 
 class Screen:
@@ -233,20 +235,7 @@ class Screen:
 
     def candidates(self, names: Sequence[str] | None = None) -> list[Candidate]:
         """Best starting point of every effect at every place, best first."""
-        wanted = [e for name, e in EFFECTS.items() if names is None or name in names]
-        entries = [(effect, place) for effect in wanted for place in self.places(effect)]
-        for place in dict.fromkeys(place for _, place in entries):
-            with suppress(InputError):  # simulated once, before threads ask for it
-                self.motions(place)
-
-        def best(entry: tuple[Effect, Place]) -> Candidate | None:
-            try:
-                return self.best(*entry)
-            except InputError:
-                return None
-
-        out = [found for found in each(best, entries) if found is not None]
-        return sorted(out, key=lambda c: -c.gain)
+        return catalogue([(self, EFFECTS if names is None else names)])[0]
 
     def places(self, effect: Effect) -> list[Place]:
         if effect.port == "flow":
@@ -273,8 +262,9 @@ class Screen:
             kept = distinct_forces(self.model, kept)
         return kept or [Place("force", effect.default_side)]
 
-    def best(self, effect: Effect, place: Place) -> Candidate | None:
-        """The best of the effect's grid at this place."""
+    def best(self, effect: Effect, place: Place, tables: Tables | None = None) -> Candidate | None:
+        """The best of the effect's grid at this place; `tables` of columns are taken from there, and
+        left there for other views of the same motion."""
         from ffl.diagnose.scan import periods
 
         motions = self.motions(place)
@@ -284,7 +274,7 @@ class Screen:
             grid = effect.grid(_joined(motions))
         best: Candidate | None = None
         for nonlinear in grid:
-            columns = self._table(effect, place, nonlinear)
+            columns = self._shared(effect, place, nonlinear, tables)
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             worth = gain - PER_COLUMN * columns.shape[1]
             if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
@@ -297,6 +287,16 @@ class Screen:
             freedom = columns.shape[1]
             best = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
         return best
+
+    def _shared(
+        self, effect: Effect, place: Place, nonlinear: Mapping[str, float], tables: Tables | None
+    ) -> Array:
+        if tables is None:
+            return self._table(effect, place, nonlinear)
+        key = tuple(nonlinear.items())
+        if key not in tables:
+            tables[key] = self._table(effect, place, nonlinear)
+        return tables[key]
 
     def table_of(self, c: Candidate) -> Array:
         """The candidate's columns, (N, freedom), in whitened y."""
@@ -330,6 +330,34 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
+
+
+def catalogue(wanted: Sequence[tuple[Screen, Collection[str]]]) -> list[list[Candidate]]:
+    """`Screen.candidates` of several views, each with the names it is asked for. They are of one fit along
+    one motion (`Screen.beside`), so that columns are computed once for all."""
+    first = wanted[0][0]
+    asked = [e for name, e in EFFECTS.items() if any(name in names for _, names in wanted)]
+    entries = [(effect, place) for effect in asked for place in first.places(effect)]
+    for place in dict.fromkeys(place for _, place in entries):
+        with suppress(InputError):  # simulated once, before threads ask for it
+            first.motions(place)
+
+    def best(entry: tuple[Effect, Place]) -> list[Candidate | None]:
+        effect, place = entry
+        tables: Tables | None = {} if len(wanted) > 1 else None
+        out: list[Candidate | None] = []
+        for view, names in wanted:
+            out.append(None)
+            if effect.name in names:
+                with suppress(InputError):
+                    out[-1] = view.best(effect, place, tables)
+        return out
+
+    found = each(best, entries)
+    return [
+        sorted((c for c in own if c is not None), key=lambda c: -c.gain)
+        for own in ([row[k] for row in found] for k in range(len(wanted)))
+    ]
 
 
 def as_measured(scene: Scene, fit: Fit) -> Screen | None:
@@ -368,25 +396,3 @@ def _middle(x: Array) -> Array:
 
 def nothing(sample_time: float) -> StateSpace:
     return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)
-
-
-def believed(j: Array, model: Model) -> tuple[Array, Array]:
-    """Principal directions (N, p) of what the numbers of `model` may do to the whitened y as far as they
-    are believed (`Coordinate.doubt`), from its Jacobian `j`; the share of each that they take off."""
-    doubts = np.array([c.doubt for c in model.coordinates])
-    size = np.maximum(np.linalg.norm(j, axis=0), 1e-150)
-    spread = np.where(np.isfinite(doubts), doubts / np.sqrt(1.5), FREE / size)
-    directions, strength, _ = np.linalg.svd(j * spread, full_matrices=False)
-    return directions, 1.0 - 1.0 / np.sqrt(1.0 + strength**2)
-
-
-def orthonormal(columns: Array) -> Array:
-    """Basis of the columns' span; directions below 1e-9 of the largest are dropped."""
-    if columns.shape[1] == 0:
-        return np.zeros((len(columns), 0))
-    size = np.maximum(lengths(columns), 1e-300)
-    kept = columns[:, size > 1e-12 * size.max()] if size.max() > 1e-290 else columns[:, :0]
-    if not kept.shape[1]:
-        return kept
-    u, s, _ = np.linalg.svd(kept / lengths(kept), full_matrices=False)
-    return u[:, s > 1e-9 * s[0]]

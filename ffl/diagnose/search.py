@@ -44,9 +44,10 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import points_of
 from ffl.diagnose.rounds import Outcome, Step
-from ffl.diagnose.screen import Screen, as_measured, orthonormal
+from ffl.diagnose.screen import Screen, as_measured
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist
+from ffl.diagnose.span import orthonormal
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.together import HIDDEN, starts, together
 from ffl.diagnose.unrest import unrest_of, with_unrest

@@ -21,7 +21,7 @@ from ffl.diagnose.fit import SWINGS, Fit, Scene, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
-from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen
+from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen, catalogue
 from ffl.diagnose.settle import DRY
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.diagnose.triangle import lengths, triangle
@@ -131,41 +131,50 @@ def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Toget
     least = min((one.left for one in alone), default=0.0)
     if least < ENOUGH * len(screen.residual):
         return []
-    pairs = [pair for one in alone for pair in grown(one, allowed)]
+    pairs = [pair for found in grown(alone, allowed) for pair in found]
     different = {
         frozenset(spec.name for spec in p.specs): p for p in reversed(_best(pairs, len(pairs)))
     }
     tried = [p for p in _best(list(different.values()), TUNED) if p.left < least]
     found = [p for p in _best(each(tuned, tried), TUNED) if p.left < LEFT * least]
     if most > 2:
-        found = [larger or p for p, larger in zip(found, _larger(found, allowed), strict=True)]
+        found = _larger(found, allowed)
     return [replace(one, share=one.left / least) for one in _best(found, TUNED)]
 
 
-def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Together | None]:
-    """What each of the best pairs is part of, where a third effect leaves much less."""
+def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Together]:
+    """The pairs, the best of them as what they are part of where a third effect leaves much less."""
+    # Near what was measured one comes after the other.
+    far = [p for p in pairs[:GROWN] if p.left >= SWINGS * len(p.screen.residual)]
 
-    def third(pair: Together) -> Together | None:
-        if pair.left < SWINGS * len(pair.screen.residual):
-            return None  # near what was measured one comes after the other
-        more = _best(grown(pair, allowed), 1)
-        best = tuned(more[0]) if more else None
-        return best if best is not None and best.left < THIRD * pair.left else None
+    def third(entry: tuple[Together, list[Together]]) -> Together:
+        pair, found = entry
+        more = _best(found, 1)
+        best = tuned(more[0]) if more else pair
+        return best if best.left < THIRD * pair.left else pair
 
-    chosen = each(third, pairs[:GROWN])
-    return [*chosen, *[None] * (len(pairs) - len(chosen))]
+    larger = each(third, zip(far, grown(far, allowed), strict=True))
+    others = dict(zip(map(id, far), larger, strict=True))
+    return [others.get(id(pair), pair) for pair in pairs]
 
 
-def grown(start: Together, allowed: Collection[str]) -> list[Together]:
-    """`start` with each of the best effects beyond what it explains."""
-    names = {spec.name for spec in start.specs}
-    others = allowed - names - (DRY if names & DRY else set())  # two forms of one friction
-    beyond = start.screen.beside([start.screen.table_of(c) for c in start.candidates])
-    found = [
-        _solved(start.screen, (*start.candidates, c))
-        for c in _best_of_each(beyond.candidates(sorted(others)))[:NEXT]
-    ]
-    return [one for one in found if one is not None]
+def grown(starts: Sequence[Together], allowed: Collection[str]) -> list[list[Together]]:
+    """Each of the `starts`, all of one view, with each of the best effects beyond what it explains."""
+
+    def beyond(start: Together) -> tuple[Screen, set[str]]:
+        names = {spec.name for spec in start.specs}
+        others = set(allowed) - names - (DRY if names & DRY else set())  # two forms of one friction
+        tables = [start.screen.table_of(c) for c in start.candidates]
+        return start.screen.beside(tables), others
+
+    def with_more(entry: tuple[Together, list[Candidate]]) -> list[Together]:
+        start, seen = entry
+        found = [_solved(start.screen, (*start.candidates, c)) for c in _best_of_each(seen)[:NEXT]]
+        return [one for one in found if one is not None]
+
+    if not starts:
+        return []
+    return each(with_more, zip(starts, catalogue([beyond(s) for s in starts]), strict=True))
 
 
 def tuned(start: Together) -> Together:
