@@ -19,11 +19,12 @@ import numpy as np
 import scipy.linalg
 
 from ffl.diagnose.experiments import Design, Limits, closed_loop_designs, limits, open_loop_designs
-from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.freemodel import FreeModel
 from ffl.diagnose.model import Model
 from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.rounds import Outcome
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial, rest_under
 from ffl.diagnose.unnamed import Contest
 from ffl.diagnose.whitening import Whitener

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -13,7 +14,6 @@ from numpy.random import Generator
 from ffl.diagnose import sound, where
 from ffl.diagnose.advise import Experiment, plan
 from ffl.diagnose.corrections import corrections
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import slight
 from ffl.diagnose.model import Model
@@ -23,6 +23,7 @@ from ffl.diagnose.posterior import probabilities
 from ffl.diagnose.prove import prove, run_plant, with_map
 from ffl.diagnose.result import Diagnosis, Finding
 from ffl.diagnose.rounds import Outcome, Step
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.unnamed import Contest, compare
 from ffl.diagnose.verdict import LOUD, loudness, verdict
@@ -53,7 +54,7 @@ def conclude(
 ) -> Diagnosis:
     """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
     recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
-    told = replace(standing.fit, model=standing.model.within_a_turn())
+    told = replace(standing.fit, model=within_a_turn(standing.model))
     standing = replace(standing, fit=told)
     if standing.predicted:  # nothing that a free run leaves says what is still missing
         nameless = Contest("named", None, None, 0.0, 0.0, None)
@@ -135,6 +136,19 @@ def conclude(
         if effects and bare is standing.model
         else None,
     )
+
+
+def within_a_turn(model: Model) -> Model:
+    """The same machine with every phase told between -pi and pi."""
+    effects = []
+    for spec in model.effects:
+        angles = {
+            name: math.remainder(value, 2.0 * math.pi)
+            for name, value in spec.parameters.items()
+            if EFFECTS[spec.name].parameter(name).unit == "rad"
+        }
+        effects.append(replace(spec, parameters={**spec.parameters, **angles}))
+    return replace(model, effects=tuple(effects))
 
 
 def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:

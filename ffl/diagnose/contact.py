@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged, judge, levelled
+from ffl.diagnose.scene import Scene
 from ffl.effects import EFFECTS
 
 NAME = "presliding_friction"

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged, judge, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import point_of
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen
 from ffl.effects import EFFECTS, Motion
 from ffl.effects.drift import KINDS

@@ -11,7 +11,6 @@ from numpy.random import Generator
 from ffl.diagnose import sound
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.conclude import SHORTEST, conclude, faulty, too_short, unlike
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.heard import with_modes_heard
 from ffl.diagnose.judging import judge, raw_error
 from ffl.diagnose.line import across_the_line, renamed
@@ -21,6 +20,7 @@ from ffl.diagnose.observer import decay_for, led, moving, needs_observer, with_o
 from ffl.diagnose.plain import too_loud, weighed
 from ffl.diagnose.rattling import with_rattling
 from ffl.diagnose.result import Diagnosis
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.search import contest
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.transmission import transmission

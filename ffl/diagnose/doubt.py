@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Fit, Scene, jacobian
+from ffl.diagnose.fit import Fit, jacobian
+from ffl.diagnose.scene import Scene
 from ffl.systems.state_space import Array
 
 OPEN = 1e6  # standard deviations of belief: what the data see no better than this they do not see

@@ -16,9 +16,10 @@ import scipy.special
 from numba import njit
 
 from ffl.diagnose.doubt import judged_by
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.freeform import held_gain, least_noise
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
 from ffl.systems.state_space import Array

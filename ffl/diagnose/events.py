@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.imitate import believable
 from ffl.diagnose.noise import fit_noise
+from ffl.diagnose.scene import Scene
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 

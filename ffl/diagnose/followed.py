@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.wiener import Wiener
 

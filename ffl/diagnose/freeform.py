@@ -12,38 +12,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.diagnose.colour import colouring
 from ffl.diagnose.events import SHORT
-from ffl.diagnose.fit import SWINGS, Fit, Scene, colouring, fit
-from ffl.diagnose.followed import astray, followed
+from ffl.diagnose.fit import SWINGS, fit
 from ffl.diagnose.freemodel import (
     SENT,
-    Evidence,
     FreeModel,
     FreeScreen,
     Part,
     Running,
-    evidence,
-    tables_of,
 )
-from ffl.diagnose.freestep import ROUNDS, STILL, begun, stepped
+from ffl.diagnose.freerank import WORTH, Entry, as_measured, entries_of, least_worth, ranked
+from ffl.diagnose.freestep import ROUNDS, STILL, stepped
 from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, LOST, PASSES, QUIET, UNTOLD, effective, promise
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
-from ffl.diagnose.places import Place, places_of
+from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.starts import with_starts
-from ffl.diagnose.terms import TERMS, Term, ranges_of
-from ffl.diagnose.warmth import feels_heat, first_warmth, warmed, with_warmth
-from ffl.effects import Motion
+from ffl.diagnose.warmth import warmed, with_warmth
 from ffl.systems.state_space import Array
 
 LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
 TRIED = 6  # maps of the screen that are simulated
 FINISHED = 2  # of them, fitted to convergence
-FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
-ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
-WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
 RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
 HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
@@ -112,17 +106,6 @@ def held_gain(before: Array, after: Array, known: Array) -> float:
     if first == second:
         return 0.0
     return 0.5 * effective(b if second < first else a) * float(np.log(first / second))
-
-
-def entries_of(model: Model) -> list[tuple[Term, Place]]:
-    """Every term at every place where it may act."""
-    mechanical = bool(model.simulator.mechanics.modes)
-    points = places_of(model) if mechanical else []
-    out = []
-    for term in TERMS:
-        places = points if term.port == "force" else [Place(term.port, term.side)]
-        out += [(term, place) for place in places]
-    return out
 
 
 def free_form(
@@ -255,7 +238,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         f = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
         return _started(_settled(screen, f))
 
-    worth = [e for some in found for e in some[:TRIED] if e.evidence.gain >= _least(some)]
+    worth = [e for some in found for e in some[:TRIED] if e.evidence.gain >= least_worth(some)]
     tried = [f for f in each(tried_out, worth) if f is not None]
     # Those that help where nothing was fitted come first, however much others take off what was.
     tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
@@ -283,79 +266,6 @@ def words(place: Place) -> str:
     if place.port == "force":
         return "a force" if place.side == "sensor" else f"a force at the {place.side}"
     return {"command": "beside the command", "output": "at the sensor"}[place.port]
-
-
-def bent(scene: Scene, fitted: Fit) -> bool:
-    """Whether the linear model, far from what was measured, has numbers that stand for what is missing."""
-    return fitted.far and astray(scene, fitted.model)
-
-
-def as_measured(current: FreeForm, fitted: Fit) -> FreeScreen | None:
-    """The view along the motion that was measured, beside the linear model as it is stated, where the one
-    `fitted` is bent; None where nothing takes it there, or an observer does."""
-    if current.scene.observed or current.parts or not bent(current.scene, fitted):
-        return None
-    model = replace(current.free.model, corrections={})
-    along = followed(current.scene, model)
-    return None if along is None else FreeScreen(current.scene, FreeModel(model), along)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A map that may come in, blank, as a `view` ranks it: `evidence` to first order, and what the
-    recordings began warm with (`warmth`), where the map feels heat."""
-
-    evidence: Evidence
-    part: Part
-    warmth: Sequence[float]
-    view: FreeScreen
-
-    @property
-    def motions(self) -> list[dict[Place, Motion]] | None:
-        """At the map's place, along the motion of the `view`."""
-        scene = warmed(self.view.along or self.view.scene, self.warmth)
-        return motions_of(FreeModel(self.view.model), scene, [self.part.place])
-
-    @property
-    def as_measured(self) -> FreeModel:
-        """The map as a view along the measured motion has it."""
-        start, motions = FreeModel(self.view.model, (self.part,)), self.motions
-        return begun(self.view, start, motions) if motions else start
-
-
-def _least(ranked: Sequence[Entry]) -> float:
-    """Evidence that is worth a simulation, of those that are `ranked`."""
-    return max(WORTH, FAR_BEHIND * ranked[0].evidence.gain) if ranked else np.inf
-
-
-def ranked(
-    view: FreeScreen, current: FreeForm, entries: Sequence[tuple[Term, Place]]
-) -> list[Entry]:
-    """Every map, that of most evidence first, from as many rows as are needed to rank them."""
-    free = FreeModel(view.model, current.parts)
-    motions = motions_of(free, view.along or view.scene, [p for _, p in entries])
-    if motions is None:
-        return []
-    left = current.white if view.along is None else view.wanted
-    target = view.beyond(left + view.from_nominal(view.model))
-    every = max(1, len(target) // ROWS)
-
-    def promise(entry: tuple[Term, Place]) -> Entry:
-        term, place = entry
-        span = ranges_of([m[place] for m in motions])
-        warmth: Sequence[float] = ()
-        if feels_heat(term):
-            found, warmth = first_warmth(
-                view, term, place, span, [m[place] for m in motions], target, every
-            )
-        else:
-            table = view.beyond(tables_of(view, [entry], [span], motions)[0])
-            found = evidence(term, span, table[::every], target[::every])
-        found = replace(found, gain=found.gain * every)
-        blank = np.zeros(len(term.kernel(span, 1.0)))
-        return Entry(found, Part(term, place, blank, span, found.length), warmth, view)
-
-    return sorted(each(promise, entries), key=lambda entry: -entry.evidence.gain)
 
 
 def _settled(screen: FreeScreen, f: FreeForm) -> FreeForm:
@@ -442,13 +352,6 @@ def _untold(before: FreeForm, after: FreeForm) -> bool:
 
 def _held(before: FreeForm, after: FreeForm) -> float:
     return held_gain(before.held_white, after.held_white, after.known)
-
-
-def motions_of(
-    free: FreeModel, scene: Scene, places: Sequence[Place]
-) -> list[dict[Place, Motion]] | None:
-    found = [free.simulate(trial, list(dict.fromkeys(places))) for trial in scene.trials]
-    return None if any(f is None for f in found) else [f[1] for f in found if f is not None]
 
 
 def _fitted(

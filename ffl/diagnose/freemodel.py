@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from ffl.diagnose.company import without
-from ffl.diagnose.fit import Fit, Scene, jacobian
+from ffl.diagnose.fit import Fit, jacobian
 from ffl.diagnose.mapped import Mapped
 from ffl.diagnose.model import Coordinate, Model
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.terms import Ranges, Term
 from ffl.diagnose.trials import Trial, behind_sensor, start_of
@@ -110,13 +111,13 @@ class FreeModel:
         """Other numbers beside the same maps."""
         return FreeModel(self.model.at(theta), self.parts)
 
-    def attempt(self, trial: Trial) -> Simulation | None:
-        """The free run, None where there is no such machine or it leaves all bounds."""
+    def output(self, trial: Trial) -> Array | None:
+        """y of the free run, None where there is no such machine or it leaves all bounds."""
         try:
             found = self.simulate(trial)
         except InputError:
             return None
-        return None if found is None else found[0]
+        return None if found is None else found[0].y
 
     # --- which maps the kernel runs --------------------------------------------------------------
 
@@ -205,6 +206,13 @@ class Running:
             return found[0]
         run = self.free.model.simulate(trial)
         return replace(run, y=np.full(len(trial), np.nan))
+
+
+def motions_of(
+    free: FreeModel, scene: Scene, places: Sequence[Place]
+) -> list[dict[Place, Motion]] | None:
+    found = [free.simulate(trial, list(dict.fromkeys(places))) for trial in scene.trials]
+    return None if any(f is None for f in found) else [f[1] for f in found if f is not None]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.freemodel import (
     RUNAWAY,
     FreeModel,
@@ -21,6 +20,7 @@ from ffl.diagnose.freemodel import (
 )
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import PER_NUMBER, Judged, judge, levelled
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 
 NAME = "position_dependent_friction"
 MOST_KNOTS = 33

@@ -9,10 +9,11 @@ from functools import partial
 import numpy as np
 
 from ffl.diagnose.candidate import Candidate
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.judging import Judged, raw_residuals
 from ffl.diagnose.ladders import with_best_start
 from ffl.diagnose.parallel import each
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.starts import with_clocks
 from ffl.systems.state_space import Array
 

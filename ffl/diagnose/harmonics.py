@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged, judge, levelled
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.span import orthonormal
 from ffl.effects import EFFECTS
 from ffl.effects.periods import Repeating, harmonics

@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.fit import Scene, fit, surprise
+from ffl.diagnose.colour import loop_of
+from ffl.diagnose.fit import fit, surprise
 from ffl.diagnose.judging import LEAST, Judged, judge, raw_error, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
+from ffl.diagnose.scene import Scene
 from ffl.systems.state_space import Array
 
 AROUND = 0.15  # of a mode's frequency: as far as its colour is looked at on either side
@@ -50,7 +52,7 @@ class Band:
 
     def log_likelihood(self, scene: Scene, model: Model, louder: float) -> float:
         """Of the noise of `scene`, `louder` by e^louder here, in the loop of `model`."""
-        paths = Paths.of(model.loop, self.frequencies)
+        paths = Paths.of(loop_of(model), self.frequencies)
         density = scene.noise.density(paths) * np.exp(2.0 * louder)
         return -float(np.sum(np.log(density) + self.power / density)) / WINDOW
 
@@ -125,7 +127,7 @@ def _fitted_beside(held: Scene | None, judged: Judged, moved: Mapping[str, float
     model = judged.model
     changed = frozenset(n for n, value in moved.items() if value != model.corrections.get(n))
     other = replace(model, corrections=dict(moved), held=model.held | changed)
-    scene = replace(judged.scene, loop=other.loop)
+    scene = replace(judged.scene, loop=loop_of(other))
     again = judge(scene, None if held is None else replace(held, loop=scene.loop), other, 6)
     # What the fitted recordings leave open is granted where others judge (`doubt`): by their free runs.
     worse = raw_error(held, again.model) > raw_error(held, judged.model)

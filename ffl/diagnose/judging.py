@@ -10,9 +10,10 @@ import numpy as np
 import scipy.fft
 
 from ffl.diagnose.doubt import judged_by
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array

@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.candidate import Candidate
-from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.span import orthonormal
 from ffl.diagnose.triangle import lengths
 from ffl.effects import EFFECTS

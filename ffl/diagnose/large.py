@@ -21,11 +21,12 @@ import numpy as np
 
 from ffl.diagnose.calibrate import calibrate, free_running
 from ffl.diagnose.candidate import Candidate
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import raw_error
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import POINT, Place, places_of
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.settle import DRY
 from ffl.diagnose.simulated_scan import cogging_of

@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import OPEN, Judged, earns, judge, levelled, raw_residuals
 from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place, places_of
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.settle import KEEP
 from ffl.systems.plant import EffectSpec, Plant
 

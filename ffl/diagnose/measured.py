@@ -13,19 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import SWINGS, Fit, Scene
+from ffl.diagnose.fit import SWINGS, Fit
 from ffl.diagnose.followed import followed
-from ffl.diagnose.freeform import (
-    SIMPLER,
-    FreeForm,
-    as_measured,
-    bare,
-    entries_of,
-    motions_of,
-    ranked,
-)
-from ffl.diagnose.freemodel import FreeModel, FreeScreen
+from ffl.diagnose.freeform import SIMPLER, FreeForm, bare
+from ffl.diagnose.freemodel import FreeModel, FreeScreen, motions_of
+from ffl.diagnose.freerank import as_measured, entries_of, ranked
 from ffl.diagnose.freestep import traces
+from ffl.diagnose.scene import Scene
 from ffl.systems.state_space import Array
 
 FITTED = (

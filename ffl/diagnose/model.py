@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +16,6 @@ from ffl.effects.cascade import lags
 from ffl.errors import InputError
 from ffl.machines.program import Program
 from ffl.machines.simulator import Simulation, Simulator
-from ffl.systems.loop import Loop
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
@@ -126,15 +124,6 @@ class Model:
     @cached_property
     def simulator(self) -> Simulator:
         return simulator_with(self.base.simulator, dict(self.corrections))
-
-    @cached_property
-    def loop(self) -> Loop:
-        """The linear loop with the corrections: what colours the noise of the machine as it stands. The
-        nominal one where the corrected one runs away: noise has no colour there."""
-        plant = self.base.plant
-        loop = corrected_plant(plant, self.base.simulator.mechanics, dict(self.corrections)).loop
-        radius = [float(np.abs(one.poles).max(initial=0.0)) for one in (loop, plant.loop)]
-        return loop if radius[0] < max(1.0, radius[1]) else plant.loop
 
     @cached_property
     def substeps(self) -> int:
@@ -381,18 +370,6 @@ class Model:
         """With other numbers of effect `index`."""
         effects = list(self.effects)
         effects[index] = replace(effects[index], parameters=parameters)
-        return replace(self, effects=tuple(effects))
-
-    def within_a_turn(self) -> Model:
-        """The same machine with every phase told between -pi and pi."""
-        effects = []
-        for spec in self.effects:
-            angles = {
-                name: math.remainder(value, 2.0 * math.pi)
-                for name, value in spec.parameters.items()
-                if EFFECTS[spec.name].parameter(name).unit == "rad"
-            }
-            effects.append(replace(spec, parameters={**spec.parameters, **angles}))
         return replace(self, effects=tuple(effects))
 
     def without(self, index: int) -> Model:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.formula import Formula
 from ffl.diagnose.freeform import words
 from ffl.diagnose.freemodel import FreeModel, Part
 from ffl.diagnose.linear import discrete
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import nothing
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.wiener import Wiener, of_force

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import effective, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
+from ffl.diagnose.scene import Scene
 
 LOUD = 4.0  # times what is left: more noise than that is none
 

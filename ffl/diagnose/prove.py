@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.freemodel import FreeModel
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.noise import Paths
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial, start_of
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.company import separable, without
-from ffl.diagnose.fit import Fit, Scene, surprise
+from ffl.diagnose.fit import Fit, surprise
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Coordinate, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.rounds import Outcome, Step
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.switching import Switching
 from ffl.diagnose.trials import Trial
 from ffl.errors import InputError

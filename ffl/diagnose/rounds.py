@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ffl.diagnose.candidate import Candidate
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import Judged
+from ffl.diagnose.scene import Scene
 
 
 @dataclass(frozen=True)

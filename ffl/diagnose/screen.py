@@ -17,7 +17,7 @@ import scipy.fft
 import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, spec_of
-from ffl.diagnose.fit import Fit, Scene, jacobian
+from ffl.diagnose.fit import Fit, jacobian
 from ffl.diagnose.followed import astray, followed
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.parallel import each
@@ -28,6 +28,7 @@ from ffl.diagnose.places import (
     mass_is_corrected,
     places_of,
 )
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.span import believed, orthonormal
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle

@@ -19,7 +19,7 @@ import numpy as np
 from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
 from ffl.diagnose.harmonics import with_harmonics
@@ -44,6 +44,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import points_of
 from ffl.diagnose.rounds import Outcome, Step
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen, as_measured
 from ffl.diagnose.settle import DRY, KEEP, PLIABLE, SUBSTITUTE, TIMED, excluded, one_for_two, settle
 from ffl.diagnose.shortlist import SHORTLIST, shortlist

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from ffl.diagnose.candidate import Candidate
-from ffl.diagnose.fit import Fit, Scene, fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, credible, earns, judge, levelled
 from ffl.diagnose.ladders import with_best_start
@@ -16,6 +16,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import POINT
 from ffl.diagnose.rounds import Step
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen, as_measured
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec

@@ -7,9 +7,9 @@ from itertools import product
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
 from ffl.diagnose.resting import winds
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
 from ffl.effects import EFFECTS

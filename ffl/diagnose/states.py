@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.signal
 
-from ffl.diagnose.fit import Scene
+from ffl.diagnose.scene import Scene
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
 

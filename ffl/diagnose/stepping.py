@@ -13,7 +13,7 @@ from ffl.diagnose.triangle import lengths, triangle
 from ffl.systems.state_space import Array
 
 if TYPE_CHECKING:
-    from ffl.diagnose.fit import Scene
+    from ffl.diagnose.scene import Scene
 
 TIGHT = 1e-12  # room at a bound, in units of the noise: what is there stays
 ALIGNED = 0.8  # cosine from which two steps in a row go the same way

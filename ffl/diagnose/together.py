@@ -17,10 +17,11 @@ import numpy as np
 import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, with_coefficients
-from ffl.diagnose.fit import SWINGS, Fit, Scene, fit
+from ffl.diagnose.fit import SWINGS, Fit, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen, catalogue
 from ffl.diagnose.settle import DRY
 from ffl.diagnose.starts import with_clocks, with_starts

@@ -14,9 +14,9 @@ import numpy as np
 import scipy.optimize
 import scipy.signal
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Base
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial, prepare
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Plant

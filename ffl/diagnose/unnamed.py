@@ -11,7 +11,7 @@ from numpy.random import Generator
 from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.dropouts import Dropouts, dropouts
 from ffl.diagnose.events import PLAINLY, Events, events
-from ffl.diagnose.fit import Fit, Scene
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import (
@@ -28,6 +28,7 @@ from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD, promise
 from ffl.diagnose.measured import measured
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.unrest import without_unrest
 from ffl.diagnose.warmth import feels_heat
 from ffl.effects import EFFECTS, Motion

@@ -17,10 +17,10 @@ from dataclasses import replace
 import numpy as np
 import scipy.ndimage
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.imitate import imitated
 from ffl.diagnose.judging import QUIET, raw_residuals
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 from ffl.systems.state_space import Array
 
 DRAWS = 8

@@ -16,7 +16,6 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.freemodel import (
     Evidence,
     FreeModel,
@@ -26,6 +25,7 @@ from ffl.diagnose.freemodel import (
     posterior,
 )
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import Ranges, Term
 from ffl.effects import Motion
 from ffl.systems.state_space import Array

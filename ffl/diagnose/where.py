@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.signal
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.states import State
 from ffl.diagnose.wiener import Wiener
 from ffl.effects import EFFECTS

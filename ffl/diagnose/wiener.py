@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.noise import Paths
+from ffl.diagnose.scene import Scene
 from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array, ComplexArray
 

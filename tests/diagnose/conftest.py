@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
 from ffl.diagnose.line import (
     _preloaded,
@@ -17,6 +16,7 @@ from ffl.diagnose.line import (
 )
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.systems import EffectSpec
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import free_form
 from ffl.diagnose.freemodel import FreeModel, Part
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import TERMS, ranges_of
 from ffl.diagnose.trials import prepare
 from ffl.recordings import Recording

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.measured import measured
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.recordings import Recording
 from ffl.systems.plant_file import plant_from_dict

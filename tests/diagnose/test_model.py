@@ -5,6 +5,8 @@ import pytest
 
 from ffl.challenge.make import null_case
 from ffl.diagnose import diagnose
+from ffl.diagnose.colour import colouring, loop_of
+from ffl.diagnose.conclude import within_a_turn
 from ffl.diagnose.fit import Fit
 from ffl.diagnose.model import LOG_STEP, TURN, Base, Model
 from ffl.diagnose.places import places_of
@@ -67,9 +69,9 @@ def test_a_direction_in_which_a_run_overflows_is_not_known(stage):
 
 def test_noise_is_coloured_by_the_loop_as_it_stands(two_masses):  # type: ignore[no-untyped-def]
     base = Base.of(two_masses)
-    assert Model(base).loop is two_masses.loop
-    moved = Model(base, {"mode_1_frequency": 0.05}).loop
-    nearly = Model(base, {"mode_1_frequency": 1e-9}).loop
+    assert colouring(Model(base), False) is two_masses.loop
+    moved = colouring(Model(base, {"mode_1_frequency": 0.05}), False)
+    nearly = colouring(Model(base, {"mode_1_frequency": 1e-9}), False)
     f = np.linspace(1.0, 90.0, 2000)
     stated, same, other = (
         np.abs(loop.process_sensitivity.response(f)) for loop in (two_masses.loop, nearly, moved)
@@ -83,14 +85,21 @@ def test_noise_is_coloured_by_the_loop_as_it_stands(two_masses):  # type: ignore
 def test_a_loop_that_runs_away_colours_nothing(two_masses):  # type: ignore[no-untyped-def]
     base = Base.of(two_masses)
     gone = Model(base, {"damping": -1e4})
-    assert gone.loop is two_masses.loop
+    assert loop_of(gone) is two_masses.loop
+
+
+def test_numbers_that_nobody_mistakes_so_much_colour_nothing(two_masses):  # type: ignore[no-untyped-def]
+    base = Base.of(two_masses)
+    assert colouring(Model(base, {"mass": 0.5}), False) is two_masses.loop
+    assert colouring(Model(base, {"mass": 0.05}), True) is two_masses.loop
+    assert colouring(Model(base, {"mass": 0.05}), False) is not two_masses.loop
 
 
 def test_a_phase_is_told_within_a_turn():
     base = Base.of(load_plant("emps"), travel=0.2)
     values = {"amplitude": 1.0, "period": 0.02, "phase": 32.4, "amplitude_2": 0.3, "phase_2": -7.0}
     model = Model(base, effects=(EffectSpec("cogging", values), WAVE))
-    told = model.within_a_turn().effects[0].parameters
+    told = within_a_turn(model).effects[0].parameters
     for name in ("phase", "phase_2"):
         assert abs(told[name]) <= np.pi
         assert np.sin(told[name]) == pytest.approx(np.sin(values[name]), abs=1e-12)

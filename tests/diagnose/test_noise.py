@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.doubt import judged_by
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.imitate import believable, imitated
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, Paths, fit_noise, spectrum
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.whitening import Whitener
 from ffl.machines import Simulator

@@ -10,7 +10,7 @@ import pytest
 from ffl.diagnose import line
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.events import events
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.imitate import drawn
 from ffl.diagnose.judging import judge
 from ffl.diagnose.line import across_the_line, sizes
@@ -19,6 +19,7 @@ from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.plain import too_loud
 from ffl.diagnose.prove import run_plant
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.unfold import looks_folded
 from ffl.diagnose.unnamed import compare

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
 from ffl.diagnose.line import renamed
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.rattling import Hypothesis, partly_coloured, settled, start
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves

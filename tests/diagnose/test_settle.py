@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.settle import levels_of, one_for_two
 from ffl.diagnose.trials import prepare
 from ffl.machines import Simulator

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.trials import prepare
 from ffl.systems.plant import EffectSpec

@@ -8,11 +8,12 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.advise import separate
 from ffl.diagnose.events import events
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.freeform import held_gain
 from ffl.diagnose.freemodel import FreeModel, evidence
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.terms import TERMS, ranges_of
 from ffl.diagnose.trials import prepare

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.unrest import unrest_of, with_unrest, without_unrest

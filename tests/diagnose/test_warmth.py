@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.fit import Scene
 from ffl.diagnose.freeform import free_form
 from ffl.diagnose.freemodel import FreeModel, Part
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import TERMS, low_pass
 from ffl.diagnose.trials import prepare
 from ffl.diagnose.warmth import warmed, with_warmth

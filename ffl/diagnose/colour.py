@@ -1,0 +1,32 @@
+"""What colours the noise: the linear loop as it stands.
+
+Noise goes round the loop that is there. Where a mode is 2 % off the stated one it is loud where that
+is quiet, and a sine there finds 34 nats.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.diagnose.linear import corrected_plant
+from ffl.diagnose.model import Model
+from ffl.systems.loop import Loop
+
+MISTAKEN = 5.0  # times what is believed of a number of the linear model (a mass to 3 %)
+
+
+def loop_of(model: Model) -> Loop:
+    """The linear loop with the corrections of `model`; the stated one where that runs away: noise has no
+    colour there."""
+    plant = model.base.plant
+    other = corrected_plant(plant, model.base.simulator.mechanics, dict(model.corrections))
+    radius = [float(np.abs(one.loop.poles).max(initial=0.0)) for one in (other, plant)]
+    return other.loop if radius[0] < max(1.0, radius[1]) else plant.loop
+
+
+def colouring(model: Model, far: bool) -> Loop:
+    """The loop that colours noise beside `model`: the stated one where that is `far` off, or has numbers
+    that no engineer mistakes so much. They stand for what is missing."""
+    numbers = zip(model.coordinates, model.theta, strict=True)
+    bent = any(abs(at) > MISTAKEN * c.doubt for c, at in numbers if c.kind == "correction")
+    return model.base.plant.loop if far or bent else loop_of(model)
