@@ -58,8 +58,8 @@ class Band:
 
 
 def with_modes_heard(held: Scene | None, judged: Judged) -> Judged:
-    """`judged` with the modes as the noise has them, the other numbers fitted beside; as it was where that
-    is no likelier, or the recordings that judge speak against it."""
+    """`judged` with the modes as the noise has them, the other numbers fitted beside; as it was where they
+    are no likelier, or free runs of the recordings that judge speak against them."""
     scene, model = judged.scene, judged.model
     plain = scene.plain or scene.observed or judged.predicted
     if plain or judged.fit.far or any(t.unrest is not None for t in scene.trials):
@@ -129,9 +129,9 @@ def _fitted_beside(held: Scene | None, judged: Judged, moved: Mapping[str, float
     other = replace(model, corrections=dict(moved), held=model.held | changed)
     scene = replace(judged.scene, loop=loop_of(other))
     again = judge(scene, None if held is None else replace(held, loop=scene.loop), other, 6)
-    # What the fitted recordings leave open is granted where others judge (`doubt`): by their free runs.
-    worse = raw_error(held, again.model) > raw_error(held, judged.model)
-    if again.fitted < judged.fitted + LEAST or worse:
+    # What the fitted recordings leave open is granted where others judge (`doubt`): by their free runs. The
+    # likelihood of the whole goes up and down with its noise, fitted by bands wider than a mode.
+    if raw_error(held, again.model) > raw_error(held, judged.model):
         return judged
     free = fit(again.scene, replace(again.model, held=model.held), rounds=0)
     return replace(again, fit=free)
