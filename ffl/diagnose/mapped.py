@@ -31,12 +31,8 @@ BEYOND = 0.25  # of a grid's extent: a map goes on straight that far, from there
 SWEEPS = 20
 FLOOR = 1e-3  # of the largest velocity: slower than that there is no direction (`Motion.direction`)
 EXACT = 1e-10  # of the force: change of it that ends the sweeps
-STIFF = (
-    1.0  # change of the force within a sub-step, of what makes it: more is taken at the end alone
-)
-HEAD = (
-    4  # numbers before the knots: kind, least velocity that has a direction, steepest dF/dv, knots
-)
+STIFF = 1.0  # change of the force within a sub-step, of its cause: more is taken at the end alone
+HEAD = 4  # numbers before the knots: kind, least speed of a direction, steepest dF/dv, how many
 
 
 @njit(error_model="numpy")

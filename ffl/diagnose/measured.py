@@ -22,16 +22,16 @@ from ffl.diagnose.freestep import traces
 from ffl.diagnose.scene import Scene
 from ffl.systems.state_space import Array
 
-FITTED = (
-    0.9  # of the squares that the force does to y: what a map must draw of it where it was fitted,
-)
+FITTED = 0.9  # of the squares that the force does to y: what a map draws where it was fitted,
 JUDGED = 0.8  # and with the same numbers in the recordings that judge
 
 
 def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
     """The map that draws the force which leads the linear model where the machine was, of those that do so
     the one of fewest variables; None where free runs of what was `found` come near it by themselves,
-    or no map draws it."""
+    no map draws it, or something was seen directly."""
+    if found.model.proven:
+        return None
     none = replace(found.model, effects=(), corrections={})
     current = bare(scene, held, none)
     view = None if current is None else as_measured(current, found)

@@ -134,7 +134,7 @@ def stretches(maps_before: Sequence[Map], most: int = 6) -> tuple[tuple[float, f
 
 PHRASES = {
     frozenset({"direction"}): "velocity reversals and standstill",
-    frozenset({"velocity"}): "motion, in proportion to speed",
+    frozenset({"velocity"}): "motion, by its speed",
     frozenset({"velocity", "direction"}): "low speed and velocity reversals",
     frozenset({"position"}): "places along the stroke",
     frozenset({"position", "direction"}): "places along the stroke, by direction of motion",
