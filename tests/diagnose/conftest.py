@@ -12,6 +12,7 @@ from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import Imperfections
+from ffl.systems.plant_file import plant_from_dict
 
 STEP = 0.001
 MASS, CONSTANT = 6.0, 12.0
@@ -85,3 +86,25 @@ def two_masses() -> Plant:
         "stage", Zpk(zeros, poles, 1.05038e-6, STEP), Controller.of_error(servo), "A", "m",
         "made for the tests", Physics(11.741, 15.74), Imperfections(0.0, 1e-6, 0.01, None),
     )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def on_a_spring():  # type: ignore[no-untyped-def]
+    """Makes a mass on a spring that no servo holds, 1 N per input unit."""
+
+    def of(mass, frequency, damping, step, unit="A", **noise):  # type: ignore[no-untyped-def]
+        pole = 2 * np.pi * frequency * np.array([-damping, np.sqrt(1 - damping**2)])
+        return plant_from_dict(
+            {
+                "name": "spring",
+                "sample_time": step,
+                "units": {"input": unit, "output": "m"},
+                "plant": {
+                    "form": "czpk", "zeros": [], "gain": 1.0 / mass,
+                    "poles": [pole.tolist(), (pole * [1, -1]).tolist()],
+                },
+                "machine": noise,
+            }
+        )  # fmt: skip
+
+    return of

@@ -15,7 +15,6 @@ from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import TERMS, ranges_of
 from ffl.diagnose.trials import prepare
 from ffl.recordings import Recording
-from ffl.systems.plant_file import plant_from_dict
 
 STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 25.0, 0.02
 W = 2 * np.pi * FREQUENCY
@@ -23,20 +22,9 @@ SENSOR = 1e-9  # m: noise
 
 
 @pytest.fixture(scope="module")
-def spring():  # type: ignore[no-untyped-def]
-    """2 kg on a spring of 25 Hz, 1 N per input unit, hardly damped, without a servo."""
-    pole = W * np.array([-DAMPING, np.sqrt(1 - DAMPING**2)])
-    return plant_from_dict(
-        {
-            "name": "spring",
-            "sample_time": STEP,
-            "units": {"input": "N", "output": "m"},
-            "plant": {
-                "form": "czpk", "zeros": [], "gain": 1.0 / MASS,
-                "poles": [pole.tolist(), (pole * [1, -1]).tolist()],
-            },
-        }
-    )  # fmt: skip
+def spring(on_a_spring):  # type: ignore[no-untyped-def]
+    """2 kg on a spring of 25 Hz, hardly damped."""
+    return on_a_spring(MASS, FREQUENCY, DAMPING, STEP, "N")
 
 
 def integrated(u, acceleration):  # type: ignore[no-untyped-def]

@@ -12,7 +12,6 @@ from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.recordings import Recording
-from ffl.systems.plant_file import plant_from_dict
 
 STEP, MASS, FREQUENCY, DAMPING, N = 2.5e-4, 2.0, 30.0, 0.03, 6000
 SUBSTEPS = 10
@@ -50,20 +49,9 @@ def run(seed, drag, size=8.0):  # type: ignore[no-untyped-def]
 
 
 @pytest.fixture(scope="module")
-def spring():  # type: ignore[no-untyped-def]
-    pole = W * np.array([-DAMPING, np.sqrt(1 - DAMPING**2)])
-    return plant_from_dict(
-        {
-            "name": "spring",
-            "sample_time": STEP,
-            "units": {"input": "N", "output": "m"},
-            "plant": {
-                "form": "czpk", "zeros": [], "gain": 1.0 / MASS,
-                "poles": [pole.tolist(), (pole * [1, -1]).tolist()],
-            },
-            "machine": {"sensor_noise": SENSOR, "force_noise": FORCE},
-        }
-    )  # fmt: skip
+def spring(on_a_spring):  # type: ignore[no-untyped-def]
+    """2 kg on a spring of 30 Hz."""
+    return on_a_spring(MASS, FREQUENCY, DAMPING, STEP, "N", sensor_noise=SENSOR, force_noise=FORCE)
 
 
 def scenes(spring, runs):  # type: ignore[no-untyped-def]

@@ -26,7 +26,6 @@ from ffl.diagnose.unnamed import compare
 from ffl.recordings import Recording
 from ffl.systems import load_plant
 from ffl.systems.plant import EffectSpec, Imperfections, Plant
-from ffl.systems.plant_file import plant_from_dict
 from ffl.systems.zpk import Zpk
 
 STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 30.0, 0.03
@@ -35,20 +34,9 @@ HELD = 4.0  # command that the recordings begin with
 
 
 @pytest.fixture(scope="module")
-def spring():  # type: ignore[no-untyped-def]
+def spring(on_a_spring):  # type: ignore[no-untyped-def]
     """2 kg on a spring of 30 Hz, 1 N per input unit."""
-    pole = W * np.array([-DAMPING, np.sqrt(1 - DAMPING**2)])
-    return plant_from_dict(
-        {
-            "name": "spring",
-            "sample_time": STEP,
-            "units": {"input": "A", "output": "m"},
-            "plant": {
-                "form": "czpk", "zeros": [], "gain": 1.0 / MASS,
-                "poles": [pole.tolist(), (pole * [1, -1]).tolist()],
-            },
-        }
-    )  # fmt: skip
+    return on_a_spring(MASS, FREQUENCY, DAMPING, STEP)
 
 
 def at_hold(seed=0):  # type: ignore[no-untyped-def]
