@@ -12,21 +12,30 @@ from ffl.diagnose.linear import corrected_plant
 from ffl.diagnose.model import Model
 from ffl.systems.loop import Loop
 
+ROUNDING = 1e-9  # of a pole on the circle
 MISTAKEN = 5.0  # times what is believed of a number of the linear model (a mass to 3 %)
 
 
 def loop_of(model: Model) -> Loop:
-    """The linear loop with the corrections of `model`; the stated one where that runs away: noise has no
-    colour there."""
+    """The linear loop with the corrections of `model`; the stated one where that runs away (noise has no
+    colour there), or a delay line stands elsewhere among its states (what is open of a start would be
+    laid on others)."""
     plant = model.base.plant
+    if model.base.simulator.mechanics.delay:
+        return plant.loop
     other = corrected_plant(plant, model.base.simulator.mechanics, dict(model.corrections))
     radius = [float(np.abs(one.loop.poles).max(initial=0.0)) for one in (other, plant)]
-    return other.loop if radius[0] < max(1.0, radius[1]) else plant.loop
+    return other.loop if radius[0] <= max(1.0, radius[1]) + ROUNDING else plant.loop
 
 
 def colouring(model: Model, far: bool) -> Loop:
     """The loop that colours noise beside `model`: the stated one where that is `far` off, or has numbers
     that no engineer mistakes so much. They stand for what is missing."""
+    return model.base.plant.loop if far or mistaken(model) else loop_of(model)
+
+
+def mistaken(model: Model) -> bool:
+    """Whether a number of the linear part is further off than an engineer's; those of a process may be."""
     numbers = zip(model.coordinates, model.theta, strict=True)
-    bent = any(abs(at) > MISTAKEN * c.doubt for c, at in numbers if c.kind == "correction")
-    return model.base.plant.loop if far or bent else loop_of(model)
+    beyond = any(abs(at) > MISTAKEN * c.doubt for c, at in numbers if c.kind == "correction")
+    return beyond and not model.base.is_process

@@ -59,7 +59,10 @@ def conclude(
     if standing.predicted:  # nothing that a free run leaves says what is still missing
         nameless = Contest("named", None, None, 0.0, 0.0, None)
     else:
-        nameless = compare(outcome.standing.scene, outcome.held or held, nominal, standing.fit, rng)
+        scenes = (
+            scene.like(standing.scene) for scene in (outcome.standing.scene, outcome.held or held)
+        )
+        nameless = compare(*scenes, nominal, standing.fit, rng)
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
     lost = nameless.lost
     bare = maps.model if maps else lost.fit.model if lost else standing.model
@@ -70,8 +73,8 @@ def conclude(
     after = [run_plant(running, trial) for trial in held.trials]
     quiet = nameless.winner.scene if nameless.winner else standing.scene
     if lost:
-        quiet = replace(quiet, noise=lost.fitted.scene.noise)
-    held = replace(held, noise=quiet.noise)
+        quiet = quiet.like(lost.fitted.scene)
+    held = held.like(quiet)
     proof = prove(held, before, after, quiet, rng, running, observed)
     if maps:
         proof = with_map(proof, with_warmth(held, maps), maps)
@@ -80,7 +83,7 @@ def conclude(
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
     if effects and not told and nameless.verdict == "named":
         said, place = "nothing_missing", where.Place("", "", ())
-    trusted = not standing.predicted
+    trusted = not standing.predicted and not nameless.led
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
@@ -139,7 +142,7 @@ def conclude(
 
 
 def within_a_turn(model: Model) -> Model:
-    """The same machine with every phase told between -pi and pi."""
+    """The same machine with the phases that were found told between -pi and pi."""
     effects = []
     for spec in model.effects:
         angles = {
@@ -148,7 +151,9 @@ def within_a_turn(model: Model) -> Model:
             if EFFECTS[spec.name].parameter(name).unit == "rad"
         }
         effects.append(replace(spec, parameters={**spec.parameters, **angles}))
-    return replace(model, effects=tuple(effects))
+    other = replace(model, effects=tuple(effects))
+    object.__setattr__(other, "substeps", model.substeps)
+    return other
 
 
 def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:

@@ -62,11 +62,12 @@ def _led(scene: Scene, model: Model, trial: Trial) -> Trial | None:
     wiener, left = Wiener(scene, len(trial)), trial.y - run.y
     command = trial.u if np.all(np.isfinite(trial.u)) else trial.feedforward
     size, whole = float(np.mean(command**2)), float(left @ left)
-    best, least, force = trial, whole, np.zeros(len(trial))
+    own = np.zeros(len(trial)) if trial.load is None else trial.load
+    best, least, force = replace(trial, load=own), whole, np.zeros(len(trial))
     for _ in range(STEPS):
         force = force + wiener(left, size, slow=None)
         size = float(np.mean(force**2))
-        led = replace(trial, load=force if trial.load is None else trial.load + force)
+        led = replace(trial, load=own + force)
         run = model.attempt(led)
         left = np.full(len(trial), np.inf) if run is None else trial.y - run.y
         if float(left @ left) > DONE * least:

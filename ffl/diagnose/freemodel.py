@@ -1,4 +1,4 @@
-"""A model with smooth maps in it: simulated by repetition, fitted as a Gaussian process."""
+"""A model with smooth maps in it: run in the kernel or by repetition, fitted as a Gaussian process."""
 
 from __future__ import annotations
 

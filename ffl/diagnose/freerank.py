@@ -21,6 +21,7 @@ from ffl.diagnose.freemodel import (
     tables_of,
 )
 from ffl.diagnose.freestep import begun
+from ffl.diagnose.linear import WITHOUT_ZERO
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place, places_of
@@ -48,6 +49,12 @@ def entries_of(model: Model) -> list[tuple[Term, Place]]:
     return out
 
 
+def as_stated(model: Model) -> Model:
+    """`model` with the numbers of its linear part as the plant file states them; what was chosen stays."""
+    kept = {k: v for k, v in model.corrections.items() if k in model.held or k == WITHOUT_ZERO}
+    return replace(model, corrections=kept, given=None)
+
+
 def bent(scene: Scene, fitted: Fit) -> bool:
     """Whether the linear model, far from what was measured, has numbers that stand for what is missing."""
     return fitted.far and astray(scene, fitted.model)
@@ -58,7 +65,7 @@ def as_measured(current: FreeForm, fitted: Fit) -> FreeScreen | None:
     `fitted` is bent; None where nothing takes it there, or an observer does."""
     if current.scene.observed or current.parts or not bent(current.scene, fitted):
         return None
-    model = replace(current.free.model, corrections={})
+    model = as_stated(current.free.model)
     along = followed(current.scene, model)
     return None if along is None else FreeScreen(current.scene, FreeModel(model), along)
 

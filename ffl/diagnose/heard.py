@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.colour import loop_of
+from ffl.diagnose.colour import loop_of, mistaken
 from ffl.diagnose.fit import fit, surprise
 from ffl.diagnose.judging import LEAST, Judged, judge, raw_error, raw_residuals
 from ffl.diagnose.model import Model
@@ -28,6 +28,7 @@ WINDOW = 1.5  # Hann's: bins of a periodogram that are worth one
 STEPS = np.linspace(
     -3.0, 3.0, 25
 )  # of what is believed of a frequency, from which the search begins
+OPEN = 1e12  # squares of what is believed: data that leave as much open see nothing
 TRIES = 120  # evaluations of the density that it may take
 
 
@@ -61,7 +62,7 @@ def with_modes_heard(held: Scene | None, judged: Judged) -> Judged:
     """`judged` with the modes as the noise has them, the other numbers fitted beside; as it was where they
     are no likelier, or free runs of the recordings that judge speak against them."""
     scene, model = judged.scene, judged.model
-    plain = scene.plain or scene.observed or judged.predicted
+    plain = scene.plain or scene.observed or judged.predicted or mistaken(model)
     if plain or judged.fit.far or any(t.unrest is not None for t in scene.trials):
         return judged
     residuals = raw_residuals(scene, model)
@@ -93,7 +94,10 @@ def _heard(judged: Judged, model: Model, names: Sequence[str], band: Band) -> Ma
     scale = np.array([c.doubt for c in coordinates])
     begin = model.theta[where]
     covariance = judged.fit.covariance[np.ix_(where, where)] / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(np.nan_to_num(covariance, nan=1e12, posinf=1e12))
+    unseen = ~(np.diag(covariance) < OPEN)
+    covariance[unseen] = covariance[:, unseen] = 0.0
+    covariance[unseen, unseen] = OPEN
+    values, vectors = np.linalg.eigh(covariance)
     root = (vectors / np.sqrt(np.maximum(values, 1e-18))).T
     believed = surprise(model)
 
@@ -108,7 +112,8 @@ def _heard(judged: Judged, model: Model, names: Sequence[str], band: Band) -> Ma
         return known - band.log_likelihood(judged.scene, other, p[-1])
 
     zero = np.zeros(len(names) + 1)
-    starts = [zero + np.eye(len(zero))[0] * step for step in (0.0, *STEPS)]
+    steps = STEPS if names[0].endswith("frequency") else ()
+    starts = [zero + np.eye(len(zero))[0] * step for step in (0.0, *steps)]
     start = min(starts, key=unlikely)
     simplex = np.vstack([start, start + np.diag(np.append(np.full(len(names), 0.1), 0.3))])
     found = scipy.optimize.minimize(
@@ -131,7 +136,9 @@ def _fitted_beside(held: Scene | None, judged: Judged, moved: Mapping[str, float
     again = judge(scene, None if held is None else replace(held, loop=scene.loop), other, 6)
     # What the fitted recordings leave open is granted where others judge (`doubt`): by their free runs. The
     # likelihood of the whole goes up and down with its noise, fitted by bands wider than a mode.
-    if raw_error(held, again.model) > raw_error(held, judged.model):
+    alone = held is None and not again.fitted > judged.fitted
+    worse = alone or raw_error(held, again.model) > raw_error(held, judged.model)
+    if again.fit.status == "diverged" or worse:
         return judged
     free = fit(again.scene, replace(again.model, held=model.held), rounds=0)
     return replace(again, fit=free)

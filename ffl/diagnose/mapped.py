@@ -28,7 +28,7 @@ BY_COMMAND, GAIN, GAIN_BY_SPEED = range(5, 8)
 # and what comes to y: g(x), g(v).
 SHOWN_POSITION, SHOWN_VELOCITY = range(8, 10)
 BEYOND = 0.25  # of a grid's extent: a map goes on straight that far, from there it is constant
-SWEEPS = 20
+SWEEPS = 60
 FLOOR = 1e-3  # of the largest velocity: slower than that there is no direction (`Motion.direction`)
 EXACT = 1e-10  # of the force: change of it that ends the sweeps
 STIFF = 1.0  # change of the force within a sub-step, of its cause: more is taken at the end alone
@@ -48,7 +48,7 @@ def _at(p, values, n, z):  # type: ignore[no-untyped-def]
             low = half
         else:
             high = half
-    width = p[HEAD + low + 1] - p[HEAD + low]
+    width = max(p[HEAD + low + 1] - p[HEAD + low], 1e-300)
     slope = (p[values + low + 1] - p[values + low]) / width
     value = p[values + low] + slope * (inside - p[HEAD + low])
     return value, slope if inside == z else 0.0
@@ -76,10 +76,12 @@ def _force(p, x, v, a):  # type: ignore[no-untyped-def]
 
 
 def _force_law(p, s, io):  # type: ignore[no-untyped-def]
-    """Newton on the mean force: of the parabola through start, middle and end of the sub-step, or the end
-    alone where the force is stiff (a jump at standstill), which does not ring."""
+    """Newton on the mean force, between what is known to be too small and too large: of the parabola
+    through start, middle and end of the sub-step, or the end alone where the force is stiff (a jump at
+    standstill), which does not ring."""
     step, mean, line = io[STEP], io[MEAN], io[SLOPE]
     stiff = p[2] * io[GV] > STIFF
+    below, above = -np.inf, np.inf
     for _ in range(SWEEPS):
         x1 = io[X1] + io[GX] * mean + io[GX_SLOPE] * line
         v1 = io[V1] + io[GV] * mean + io[GV_SLOPE] * line
@@ -94,9 +96,14 @@ def _force_law(p, s, io):  # type: ignore[no-untyped-def]
             wanted = (begin + 4.0 * middle + end) / 6.0
             line = 0.5 * (end - begin)
             answer = 0.5 * (by_x * io[GX] + by_v * io[GV]) + by_a * io[GV] / step
-        change = (wanted - mean) / max(1.0 - answer, 0.5)
-        mean += change
-        if abs(change) <= EXACT * abs(mean):
+        if wanted > mean:
+            below = mean
+        else:
+            above = mean
+        last, mean = mean, mean + (wanted - mean) / max(1.0 - answer, 0.5)
+        if not below < mean < above and above - below < np.inf:  # round a kink and back again
+            mean = 0.5 * (below + above)
+        if abs(mean - last) <= EXACT * abs(mean):
             break
     io[MEAN], io[SLOPE] = mean, 0.0 if stiff else line
 
@@ -161,5 +168,5 @@ class Mapped(Effect):
         elif kind in (DAMPING, DRY):
             steepest = float(np.abs(g).max()) / (floor if kind == DRY else 1.0)
         elif kind == INERTIA:
-            tail = list(np.gradient(g, knots))
+            tail = list(np.gradient(g, np.maximum(np.ptp(knots), 1e-300) / (len(knots) - 1)))
         return [float(kind), floor, steepest, float(len(knots)), *knots, *g, *tail]

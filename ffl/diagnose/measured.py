@@ -17,9 +17,10 @@ from ffl.diagnose.fit import SWINGS, Fit
 from ffl.diagnose.followed import followed
 from ffl.diagnose.freeform import SIMPLER, FreeForm, bare
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, motions_of
-from ffl.diagnose.freerank import as_measured, entries_of, ranked
+from ffl.diagnose.freerank import as_measured, as_stated, entries_of, ranked
 from ffl.diagnose.freestep import traces
 from ffl.diagnose.scene import Scene
+from ffl.diagnose.warmth import feels_heat
 from ffl.systems.state_space import Array
 
 FITTED = 0.9  # of the squares that the force does to y: what a map draws where it was fitted,
@@ -29,37 +30,42 @@ JUDGED = 0.8  # and with the same numbers in the recordings that judge
 def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
     """The map that draws the force which leads the linear model where the machine was, of those that do so
     the one of fewest variables; None where free runs of what was `found` come near it by themselves,
-    no map draws it, or something was seen directly."""
+    no map draws it better, or something was seen directly."""
     if found.model.proven:
         return None
-    none = replace(found.model, effects=(), corrections={})
+    none = as_stated(replace(found.model, effects=()))
     current = bare(scene, held, none)
     view = None if current is None else as_measured(current, found)
-    entries = ranked(view, current, entries_of(none)) if current and view else []
-    if view is None or not entries:
+    if current is None or view is None:
         return None
+    # Heat that the recordings began with is nobody's to tell along a motion that is led.
+    entries = ranked(view, current, [e for e in entries_of(none) if not feels_heat(e[0])])
+    if not entries:
+        return None
+    told = 1.0 - view.scene.cost(found.model) / view.scene.cost(none)
     near = [e for e in entries if e.evidence.gain >= SIMPLER * entries[0].evidence.gain]
-    judging = _judging(held, view)
+    judging = None if held is None else held.like(view.scene)
     for entry in sorted(near, key=lambda e: len(e.part.term.variables)):
         free = entry.as_measured
         white, drawn = _left(view, free)
-        held_white, confirmed = _left(judging, free) if judging else (np.zeros(0), 1.0)
-        if drawn > FITTED and confirmed > JUDGED:
+        held_white, confirmed = _judged(judging, free)
+        if drawn > max(FITTED, told) and confirmed > JUDGED:
             known = np.ones(len(held_white), bool)
             gain = entry.evidence.gain
             return FreeForm(free, view.scene, gain, white, held_white, known, held=held)
     return None
 
 
-def _judging(held: Scene | None, view: FreeScreen) -> FreeScreen | None:
-    """The same view of the recordings that judge; None where they hardly show what is missing."""
-    if held is None or not held.trials:
-        return None
-    ground, model = held.like(view.scene), view.model
-    if ground.cost(model) < SWINGS * ground.samples:
-        return None
-    along = followed(ground, model)
-    return None if along is None else FreeScreen(ground, FreeModel(model), along)
+def _judged(held: Scene | None, free: FreeModel) -> tuple[Array, float]:
+    """`_left` in the recordings that judge; all is confirmed where there are none, or they hardly show what
+    is missing, and nothing where no force leads the model through them."""
+    model = free.model
+    if held is None or not held.trials or held.cost(model) < SWINGS * held.samples:
+        return np.zeros(0), 1.0
+    along = followed(held, model)
+    if along is None:
+        return np.zeros(0), 0.0
+    return _left(FreeScreen(held, FreeModel(model), along), free)
 
 
 def _left(view: FreeScreen, free: FreeModel) -> tuple[Array, float]:

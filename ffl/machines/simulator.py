@@ -168,7 +168,8 @@ class Simulator:
         others: Sequence[tuple[Effect, EffectSpec]] = (),
     ) -> Simulation:
         """u = C_r r - C_y y + f, y = P (u + force), with `effects`, as such or as `prepare` made them
-        ready (`substeps` and `watch` then count for nothing, and no force is `applied`); open loop: u = f.
+        ready (`substeps` and `watch` then count for nothing; nothing is `applied`, no `others`); open
+        loop: u = f.
 
         `reference`, `feedforward`, `force` (beside u, in input units: known load, force noise) and
         `noise` (added to the measured y) are (N,) or None for zero. `applied` is a force (input
@@ -183,6 +184,8 @@ class Simulator:
         signals = _signals(reference, feedforward, force, noise, applied and applied[0])
         n = len(signals[0])
         if isinstance(effects, Program):
+            if applied or others:
+                raise InputError("simulate: a program made ready takes no further force or effect")
             program = effects
         else:
             wanted = [*watch, applied[1]] if applied else list(watch)

@@ -9,8 +9,13 @@ import pytest
 
 from ffl.diagnose.fit import fit
 from ffl.diagnose.followed import NEAR, astray, followed
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen, as_measured
 from ffl.diagnose.together import sets
+from ffl.diagnose.trials import commanded, prepare
+from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 
 LIMIT = EffectSpec("saturation", {"limit": 1.5})
@@ -45,6 +50,21 @@ def test_on_its_way_there_is_nothing_to_follow(stage, record, scenes):
     scene, _, model = scenes(record(stage))
     assert not astray(scene, model)
     assert as_measured(scene, fit(scene, model, rounds=0)) is None
+
+
+def test_one_recording_may_be_on_its_way_and_another_not(on_a_spring):
+    plant = on_a_spring(2.0, 25.0, 0.02, 1e-3, "N", sensor_noise=1e-6, force_noise=1e-3)
+    machine = SimulatedMachine(replace(plant, effects=(EffectSpec("saturation", {"limit": 2.0}),)))
+    rng, t = np.random.default_rng(0), 1e-3 * np.arange(1500)
+    wave = np.sin(2 * np.pi * (1.0 + 12.0 * t) * t)
+    runs = [machine.run(np.zeros_like(t), size * wave, rng) for size in (5.0, 1.0)]
+    base = Base.of(plant, 0.01, 1.5)
+    trials = tuple(prepare(base.simulator, commanded(plant, run), 1e-6) for run in runs)
+    scene, model = Scene(plant.loop, trials, Noise(1e-6, 1e-3)), Model(base)
+    assert astray(scene, model)
+    along = as_measured(scene, fit(scene, model, rounds=0))
+    assert along is not None
+    assert np.isfinite(along.wanted).all()
 
 
 def test_along_it_first_order_tells_the_pair(limited):

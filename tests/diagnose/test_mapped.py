@@ -15,6 +15,7 @@ from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import TERMS, ranges_of
 from ffl.diagnose.trials import prepare
 from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec
 
 STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 25.0, 0.02
 W = 2 * np.pi * FREQUENCY
@@ -91,6 +92,26 @@ def test_the_kernel_runs_a_map_as_an_integrator_does(spring, name):  # type: ign
     moved = np.std(wanted - bare)
     assert moved > 0.05 * np.std(bare)
     assert np.std(found[0].y - wanted) < 2e-3 * moved
+
+
+def test_a_map_by_direction_sticks_as_dry_friction_does(spring):  # type: ignore[no-untyped-def]
+    term = next(t for t in TERMS if t.name == "direction by position")
+    t = STEP * np.arange(1500)
+    u = 5.0 * np.sin(2 * np.pi * (1.0 + 6.0 * t) * t)
+    model, trial = trial_of(spring, recording(u, integrated(u, linear), "swept"))
+    bare = model.simulate(trial)
+    spans = ranges_of([bare.motion()])
+    g = np.full(len(term.knots(spans)), -3.0)
+    found = FreeModel(model, (Part(term, Place("force"), g, spans),)).simulate(trial)
+    dry = model.with_effect(EffectSpec("coulomb_friction", {"level": 3.0})).simulate(trial)
+    assert found is not None
+    stuck = np.abs(dry.v) < 1e-9
+    assert np.mean(stuck) > 0.1
+    top = np.abs(bare.v).max()
+    assert (
+        np.quantile(np.abs(found[0].v[stuck]), 0.99) < 2e-3 * top
+    )  # a direction is none below 1e-3
+    assert np.std(found[0].y - dry.y) < 0.02 * np.std(bare.y - dry.y)
 
 
 def test_a_mass_that_depends_on_position_is_run_at_once(spring):  # type: ignore[no-untyped-def]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ffl.diagnose import diagnose, unnamed
 from ffl.diagnose.fit import fit
+from ffl.diagnose.freeform import bare
 from ffl.diagnose.measured import measured
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
@@ -70,6 +72,20 @@ def test_a_brake_that_lets_go_is_seen_along_the_motion(spring):  # type: ignore[
     at = np.array([-2.0, -1.0, 1.0, 2.0]) * SPEED
     drawn = np.interp(at, part.term.knots(part.ranges), part.coefficients)
     np.testing.assert_allclose(drawn, brake(at), rtol=0.1)
+
+
+def test_the_answer_says_that_free_runs_part(spring, monkeypatch):  # type: ignore[no-untyped-def]
+    alone = lambda scene, held, model, **_: [bare(scene, held, model)]  # noqa: E731
+    monkeypatch.setattr(unnamed, "free_form", alone)  # no map is followed
+    found = diagnose(spring, [run(1, brake)], [run(2, brake)])
+    assert found.verdict == "unnamed"
+    assert found.place.depends_on == ("velocity",)
+    assert "as measured" in found.place.where
+
+
+def test_recordings_that_judge_may_refuse(spring):  # type: ignore[no-untyped-def]
+    scene, held, model = scenes(spring, [run(1, brake), run(2, lambda v: 3.0 * np.sign(v))])
+    assert measured(scene, held, fit(scene, model)) is None
 
 
 def test_noise_alone_draws_no_map(spring):  # type: ignore[no-untyped-def]
