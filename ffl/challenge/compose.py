@@ -28,8 +28,9 @@ NEVER_WEAK = (
 )
 
 # Two that are one: levels by direction hold any constant load, a spring's centre moves with it, and one
-# level beside a load is two levels.
+# level beside a load is two levels; two levels beside a spring are one, and another centre.
 ONE_AND_THE_SAME = (
+    {"asymmetric_friction", "linear_stiffness"},
     {"asymmetric_friction", "constant_load"},
     {"coulomb_friction", "constant_load"},
     {"linear_stiffness", "constant_load"},
