@@ -35,7 +35,6 @@ def colouring(model: Model, far: bool) -> Loop:
 
 
 def mistaken(model: Model) -> bool:
-    """Whether a number of the linear part is further off than an engineer's; those of a process may be."""
+    """Whether a number of the linear part is further off than an engineer's."""
     numbers = zip(model.coordinates, model.theta, strict=True)
-    beyond = any(abs(at) > MISTAKEN * c.doubt for c, at in numbers if c.kind == "correction")
-    return beyond and not model.base.is_process
+    return any(abs(at) > MISTAKEN * c.doubt for c, at in numbers if c.kind == "correction")
