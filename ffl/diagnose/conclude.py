@@ -54,15 +54,14 @@ def conclude(
 ) -> Diagnosis:
     """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
     recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
-    told = replace(standing.fit, model=within_a_turn(standing.model))
-    standing = replace(standing, fit=told)
+    turned = replace(standing.fit, model=within_a_turn(standing.model))
+    standing = replace(standing, fit=turned)
     if standing.predicted:  # nothing that a free run leaves says what is still missing
         nameless = Contest("named", None, None, 0.0, 0.0, None)
     else:
-        scenes = (
-            scene.like(standing.scene) for scene in (outcome.standing.scene, outcome.held or held)
-        )
-        nameless = compare(*scenes, nominal, standing.fit, rng)
+        scene = outcome.standing.scene.like(standing.scene)
+        judging = (outcome.held or held).like(scene)
+        nameless = compare(scene, judging, nominal, standing.fit, rng)
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
     lost = nameless.lost
     bare = maps.model if maps else lost.fit.model if lost else standing.model

@@ -150,7 +150,7 @@ def _diagnose_output(
         judging = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
         scene, held = replace(standing.scene, trials=trials), replace(held, trials=judging)
         scene = with_starts(scene, standing.model)
-        held = with_starts(replace(held, noise=scene.noise), standing.model)
+        held = with_starts(held.like(scene), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
     standing = (
         renamed(standing) if standing.predicted else across_the_line(standing.scene, held, standing)

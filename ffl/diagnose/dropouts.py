@@ -85,7 +85,7 @@ class Dropouts:
             rivals.append((held, self.held_white, self.held))
         out = []
         for ground, white, search in rivals:
-            quiet = replace(ground, noise=self.fitted.scene.noise)
+            quiet = ground.like(self.fitted.scene)
             left = quiet.residuals(standing)
             everything = np.ones(len(white), bool)
             gained = np.inf if left is None else held_gain(quiet.judge(left), white, everything)
@@ -117,7 +117,7 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     white = search.scene.whiten(left)
     if judging is None:
         return Dropouts(found, search, None, False, white, np.zeros(0))
-    again = _searched(judged_by(replace(judging, noise=search.scene.noise), found), found.model)
+    again = _searched(judged_by(judging.like(search.scene), found), found.model)
     if again is None:
         return None
     # Where commands change sign from sample to sample, the other sign is another sample's: it does

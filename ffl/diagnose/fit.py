@@ -11,7 +11,7 @@ import numpy as np
 from ffl.diagnose.colour import colouring
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
-from ffl.diagnose.scene import Runs, Scene
+from ffl.diagnose.scene import Runs, Scene, is_far
 from ffl.diagnose.stepping import aligned, damped, further_on, principal_steps
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.systems.loop import Loop
@@ -23,7 +23,6 @@ STALE = 4  # rank-one updates on which small steps are no longer believed to be 
 SLOW = 0.3  # of the sum of squares: a small step
 ASTRAY = 0.25  # of a round: one simulation instead of one for every number
 CLOSING = 0.7  # of the way to a goal that four rounds may leave
-SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
 PATIENCE = 32  # rounds at most on the way to a goal
 Key = tuple[str, str, int, tuple[str, int] | None]
 
@@ -65,9 +64,8 @@ class Fit:
 
     @property
     def far(self) -> bool:
-        """So far from what was measured that first orders may mislead, and corrections stand for what is
-        missing."""
-        return self.cost > SWINGS * len(self.white)
+        """See `is_far`."""
+        return is_far(self.cost, len(self.white))
 
     @property
     def loop(self) -> Loop:

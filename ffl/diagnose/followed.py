@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial
@@ -26,6 +27,12 @@ NEAR = (
     0.1  # of the sum of squares: what a force leaves that takes a machine anywhere from elsewhere
 )
 DONE = 0.5  # of what the last step left: a smaller gain ends it
+
+
+def strays(scene: Scene, fitted: Fit) -> bool:
+    """Whether what was `fitted` is far from what was measured and goes elsewhere by itself; an observer
+    leads it back."""
+    return not scene.observed and fitted.far and astray(scene, fitted.model)
 
 
 def astray(scene: Scene, model: Model) -> bool:

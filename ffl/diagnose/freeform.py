@@ -14,7 +14,7 @@ import numpy as np
 
 from ffl.diagnose.colour import colouring
 from ffl.diagnose.events import SHORT
-from ffl.diagnose.fit import SWINGS, fit
+from ffl.diagnose.fit import fit
 from ffl.diagnose.freemodel import (
     SENT,
     FreeModel,
@@ -22,7 +22,7 @@ from ffl.diagnose.freemodel import (
     Part,
     Running,
 )
-from ffl.diagnose.freerank import WORTH, Entry, as_measured, entries_of, least_worth, ranked
+from ffl.diagnose.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
 from ffl.diagnose.freestep import ROUNDS, STILL, stepped
 from ffl.diagnose.imitate import TRUST
 from ffl.diagnose.judging import CLEANER, LOST, PASSES, QUIET, UNTOLD, effective, promise
@@ -30,7 +30,7 @@ from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place
-from ffl.diagnose.scene import Scene
+from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.warmth import warmed, with_warmth
 from ffl.systems.state_space import Array
@@ -204,7 +204,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     """`current` with one more map, if one is worth it."""
     scene = current.scene
     view = FreeScreen(scene, current.free)
-    views = [v for v in (view, as_measured(current, view.fit)) if v is not None]
+    views = [v for v in (view, measured_view(current, view.fit)) if v is not None]
     taken = {(p.term.name, p.place) for p in current.parts}
     force = next((p.place for p in current.parts if p.place.port == "force"), None)
     entries = [
@@ -223,7 +223,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         ground, start = warmed(scene, entry.warmth), current.free.beside(entry.part)
         screen, gain = view.of(ground), entry.evidence.gain
         if entry.view.along is not None:
-            start = entry.as_measured
+            start = entry.begun
             if ground.residuals(start) is None:
                 return None
             screen = FreeScreen(ground, start)
@@ -290,11 +290,8 @@ def _started(f: FreeForm) -> FreeForm:
     grounds = [f.scene] if f.held is None else [f.scene, f.held]
     if all(t.at_rest for ground in grounds for t in ground.trials):
         return f
-    running, noise = Running(f.free), f.scene.noise
-    scene, *others = (
-        replace(ground, trials=with_starts(replace(ground, noise=noise), running).trials)
-        for ground in grounds
-    )
+    running = Running(f.free)
+    scene, *others = (with_starts(ground.like(f.scene), running) for ground in grounds)
     return _judged(scene, others[0] if others else None, f.free, f.evidence) or f
 
 
@@ -304,7 +301,7 @@ def _quieter(found: FreeForm) -> FreeForm:
     for _ in range(PASSES):
         scene = found.scene
         residuals = scene.residuals(found.free) or []
-        far = found.cost > SWINGS * len(found.white)
+        far = is_far(found.cost, len(found.white))
         scene = replace(scene, loop=colouring(found.free.model, far))
         other = scene.with_noise_of(residuals, coloured=False, quantile=QUIET)
         screen = FreeScreen(other, found.free)

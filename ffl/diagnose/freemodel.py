@@ -255,11 +255,10 @@ class FreeScreen(Screen):
         white, slopes = scene.whiten(base), scene.whiten_stacked(columns)
         super().__init__(scene, Fit(free.model, white, slopes, columns, "rounds"), along)
 
-    def _led(self, along: Scene) -> tuple[Array, Array]:
-        """Along the measured motion the model's numbers are held: with mass, damping, stiffness and the
-        command all taken off, any command map explains it (and the machine is none)."""
-        slopes, wanted = super()._led(along)
-        return slopes[:, :0], wanted
+    def _slopes(self, along: Scene, left: Sequence[Array]) -> Array:
+        """None, (N, 0): the model's numbers are held along the measured motion. With mass, damping,
+        stiffness and the command all taken off, any command map explains it (and the machine is none)."""
+        return np.zeros((along.samples, 0))
 
     def of(self, scene: Scene) -> FreeScreen:
         """The same along another scene, whose recordings began otherwise."""

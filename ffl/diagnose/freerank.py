@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ffl.diagnose.fit import Fit
-from ffl.diagnose.followed import astray, followed
+from ffl.diagnose.followed import followed, strays
 from ffl.diagnose.freemodel import (
     Evidence,
     FreeModel,
@@ -20,12 +20,11 @@ from ffl.diagnose.freemodel import (
     motions_of,
     tables_of,
 )
-from ffl.diagnose.freestep import begun
+from ffl.diagnose.freestep import begun_along
 from ffl.diagnose.linear import WITHOUT_ZERO
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import Place, places_of
-from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import TERMS, Term, ranges_of
 from ffl.diagnose.warmth import feels_heat, first_warmth, warmed
 from ffl.effects import Motion
@@ -55,15 +54,11 @@ def as_stated(model: Model) -> Model:
     return replace(model, corrections=kept, given=None)
 
 
-def bent(scene: Scene, fitted: Fit) -> bool:
-    """Whether the linear model, far from what was measured, has numbers that stand for what is missing."""
-    return fitted.far and astray(scene, fitted.model)
-
-
-def as_measured(current: FreeForm, fitted: Fit) -> FreeScreen | None:
+def measured_view(current: FreeForm, fitted: Fit) -> FreeScreen | None:
     """The view along the motion that was measured, beside the linear model as it is stated, where the one
-    `fitted` is bent; None where nothing takes it there, or an observer does."""
-    if current.scene.observed or current.parts or not bent(current.scene, fitted):
+    `fitted`, its numbers bent to stand for what is missing, still strays; None where nothing takes it
+    there, or maps stand already."""
+    if current.parts or not strays(current.scene, fitted):
         return None
     model = as_stated(current.free.model)
     along = followed(current.scene, model)
@@ -87,10 +82,10 @@ class Entry:
         return motions_of(FreeModel(self.view.model), scene, [self.part.place])
 
     @property
-    def as_measured(self) -> FreeModel:
+    def begun(self) -> FreeModel:
         """The map as a view along the measured motion has it."""
         start, motions = FreeModel(self.view.model, (self.part,)), self.motions
-        return begun(self.view, start, motions) if motions else start
+        return begun_along(self.view, start, motions) if motions else start
 
 
 def least_worth(ranked: Sequence[Entry]) -> float:

@@ -64,7 +64,9 @@ def _ways(free: FreeModel, wanted: FreeModel) -> list[FreeModel]:
     return [_between(free, end, share) for end in (wanted, alone) for share in SHARES]
 
 
-def begun(screen: FreeScreen, free: FreeModel, motions: Sequence[dict[Place, Motion]]) -> FreeModel:
+def begun_along(
+    screen: FreeScreen, free: FreeModel, motions: Sequence[dict[Place, Motion]]
+) -> FreeModel:
     """`free`, whose maps are blank, with those that explain best what the `screen` wants explained along
     the `motions` that were measured."""
     tables = traces(screen, free, motions)

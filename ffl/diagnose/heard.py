@@ -133,7 +133,7 @@ def _fitted_beside(held: Scene | None, judged: Judged, moved: Mapping[str, float
     changed = frozenset(n for n, value in moved.items() if value != model.corrections.get(n))
     other = replace(model, corrections=dict(moved), held=model.held | changed)
     scene = replace(judged.scene, loop=loop_of(other))
-    again = judge(scene, None if held is None else replace(held, loop=scene.loop), other, 6)
+    again = judge(scene, held, other, 6)
     # What the fitted recordings leave open is granted where others judge (`doubt`): by their free runs. The
     # likelihood of the whole goes up and down with its noise, fitted by bands wider than a mode.
     alone = held is None and not again.fitted > judged.fitted

@@ -83,13 +83,13 @@ def judge(
         scene = with_clocks(scene, first.model, 1)
         first = fit(scene, first.model, rounds=rounds, known=first.known())
     if held is not None and held.free_clocks and first.status != "diverged":
-        held = with_clocks(replace(held, noise=scene.noise), first.model, 0)
+        held = with_clocks(held.like(scene), first.model, 0)
     if first.status != "diverged" and (begun := with_starts(scene, first.model, 1)) is not scene:
         # A start estimated without this physics speaks against it: each rival has its own.
         scene = begun
         first = fit(scene, first.model, rounds=rounds, known=first.known())
     if held is not None and first.status != "diverged":
-        held = with_starts(replace(held, noise=scene.noise), first.model, 1)
+        held = with_starts(held.like(scene), first.model, 1)
     quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
     if first.status == "diverged" or not np.isfinite(first.cost):
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
@@ -139,7 +139,7 @@ def held_out(held: Scene | None, scene: Scene, fitted: Fit) -> tuple[float, Arra
     """
     if held is None or not held.trials:
         return 0.0, np.zeros(0)
-    judged = judged_by(replace(held, noise=scene.noise), fitted)
+    judged = judged_by(held.like(scene), fitted)
     residuals = judged.residuals(fitted.model)
     if residuals is None:
         return -np.inf, np.zeros(0)

@@ -13,13 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.fit import SWINGS, Fit
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.followed import followed
 from ffl.diagnose.freeform import SIMPLER, FreeForm, bare
 from ffl.diagnose.freemodel import FreeModel, FreeScreen, motions_of
-from ffl.diagnose.freerank import as_measured, as_stated, entries_of, ranked
+from ffl.diagnose.freerank import as_stated, entries_of, measured_view, ranked
 from ffl.diagnose.freestep import traces
-from ffl.diagnose.scene import Scene
+from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.warmth import feels_heat
 from ffl.systems.state_space import Array
 
@@ -35,7 +35,7 @@ def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
         return None
     none = as_stated(replace(found.model, effects=()))
     current = bare(scene, held, none)
-    view = None if current is None else as_measured(current, found)
+    view = None if current is None else measured_view(current, found)
     if current is None or view is None:
         return None
     # Heat that the recordings began with is nobody's to tell along a motion that is led.
@@ -46,7 +46,7 @@ def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
     near = [e for e in entries if e.evidence.gain >= SIMPLER * entries[0].evidence.gain]
     judging = None if held is None else held.like(view.scene)
     for entry in sorted(near, key=lambda e: len(e.part.term.variables)):
-        free = entry.as_measured
+        free = entry.begun
         white, drawn = _left(view, free)
         held_white, confirmed = _judged(judging, free)
         if drawn > max(FITTED, told) and confirmed > JUDGED:
@@ -60,7 +60,7 @@ def _judged(held: Scene | None, free: FreeModel) -> tuple[Array, float]:
     """`_left` in the recordings that judge; all is confirmed where there are none, or they hardly show what
     is missing, and nothing where no force leads the model through them."""
     model = free.model
-    if held is None or not held.trials or held.cost(model) < SWINGS * held.samples:
+    if held is None or not held.trials or not is_far(held.cost(model), held.samples):
         return np.zeros(0), 1.0
     along = followed(held, model)
     if along is None:

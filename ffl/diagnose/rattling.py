@@ -173,7 +173,7 @@ def with_rattling(
 
 def _plain(standing: Judged, scene: Scene) -> float:
     """Log-likelihood of recordings by a free run under the noise that was found, its size left open."""
-    judged = replace(scene, noise=standing.scene.noise)
+    judged = scene.like(standing.scene)
     residuals = judged.residuals(standing.model)
     if residuals is None:
         return -np.inf

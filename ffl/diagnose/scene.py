@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 
 LONG = 0.5  # of the longest calm stretch: noise is read from those at least as long
 CALM = 0.2  # of all samples that these must hold
+SWINGS = 4.0  # mean square of the whitened residual from which first orders may mislead
+
+
+def is_far(cost: float, samples: int) -> bool:
+    """Whether a sum of squares `cost` is so far from what was measured that first orders may mislead, and
+    corrections stand for what is missing."""
+    return cost > SWINGS * samples
 
 
 class Runs(Protocol):

@@ -18,7 +18,7 @@ import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, spec_of
 from ffl.diagnose.fit import Fit, jacobian
-from ffl.diagnose.followed import astray, followed
+from ffl.diagnose.followed import followed, strays
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.parallel import each
 from ffl.diagnose.places import (
@@ -93,25 +93,27 @@ class Screen:
         self._others: Array | None = None
         self.slopes, self.wanted = fit.jacobian, fit.white
         if along is not None:
-            self.slopes, self.wanted = self._led(along)
+            left = along.residuals(self.model)
+            assert left is not None  # followed to its end before
+            self.slopes, self.wanted = self._slopes(along, left), self._led(along, left)
         if self.slopes.shape[1] and (along is not None or self.believing):
             self.basis, self._taken = believed(self.slopes, self.model)
         else:
             self.basis, self._taken = orthonormal(self.slopes), np.ones(())
         self.residual = self.beyond(self.wanted)
 
-    def _led(self, along: Scene) -> tuple[Array, Array]:
-        """(what the model's own numbers change in the whitened y along the motion, (N, p); what the
-        linear loop answers to the force that leads there, and what that leaves)."""
-        left = along.residuals(self.model)
-        assert left is not None  # followed to its end before
+    def _slopes(self, along: Scene, left: Sequence[Array]) -> Array:
+        """What the model's own numbers change in the whitened y along the motion, (N, p)."""
+        return self.scene.whiten_stacked(jacobian(along, self.model, left))
+
+    def _led(self, along: Scene, left: Sequence[Array]) -> Array:
+        """What the linear loop answers to the force that leads there, and what that has `left`, (N,)."""
         forces = [
             led.load - (0.0 if own.load is None else own.load)
             for led, own in zip(along.trials, self.scene.trials, strict=True)
         ]
         answered = self.through(Place("command"), [f[:, None] for f in forces])[:, 0]
-        columns = self.scene.whiten_stacked(jacobian(along, self.model, left))
-        return columns, answered + self.scene.whiten(left)
+        return answered + self.scene.whiten(left)
 
     def beyond(self, columns: Array) -> Array:
         """`columns`, (N,) or (N, k), beyond what the model's own freedom explains:
@@ -364,9 +366,7 @@ def catalogue(wanted: Sequence[tuple[Screen, Collection[str]]]) -> list[list[Can
 def as_measured(scene: Scene, fit: Fit) -> Screen | None:
     """The view beside `fit` along the motion that was measured; None where its own is much the same, or
     an observer leads it there by itself."""
-    if scene.observed:
-        return None
-    if not fit.far or not astray(scene, fit.model):
+    if not strays(scene, fit):
         return None
     along = followed(scene, fit.model)
     return None if along is None else Screen(scene, fit, along)

@@ -140,10 +140,7 @@ def _climb(
     turned_down: set[str] = set()  # in the present company
     again, at_once = False, True
     while True:
-        # Noise has the colour of the loop as it stands: a mode 2 % off is loud where the nominal one is
-        # not, and a sine there found 34 nats.
         scene = replace(scene, loop=standing.fit.loop)
-        held = None if held is None else replace(held, loop=scene.loop)
         # White noise no louder than what is left: slow physics must not pass for slow noise.
         quiet = scene.with_noise_of(
             raw_residuals(scene, standing.model), coloured=False, quantile=QUIET
@@ -151,7 +148,7 @@ def _climb(
         quiet = with_unrest(with_starts(quiet, standing.model), standing.model)
         scene = replace(scene, trials=quiet.trials)
         if held is not None:
-            held = with_starts(replace(held, noise=quiet.noise), standing.model)
+            held = with_starts(held.like(quiet), standing.model)
             held = unrest_of(held, standing.model)
         base = judge(quiet, held, standing.model, rounds=6)
         say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")

@@ -17,11 +17,11 @@ import numpy as np
 import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, with_coefficients
-from ffl.diagnose.fit import SWINGS, Fit, fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.judging import Judged, earns, judge, levelled
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
-from ffl.diagnose.scene import Scene
+from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.screen import PER_COLUMN, POSITIVE, Screen, catalogue
 from ffl.diagnose.settle import DRY
 from ffl.diagnose.starts import with_clocks, with_starts
@@ -146,7 +146,7 @@ def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Toget
 def _larger(pairs: Sequence[Together], allowed: Collection[str]) -> list[Together]:
     """The pairs, the best of them as what they are part of where a third effect leaves much less."""
     # Near what was measured one comes after the other.
-    far = [p for p in pairs[:GROWN] if p.left >= SWINGS * len(p.screen.residual)]
+    far = [p for p in pairs[:GROWN] if is_far(p.left, len(p.screen.residual))]
 
     def third(entry: tuple[Together, list[Together]]) -> Together:
         pair, found = entry
