@@ -7,7 +7,8 @@ mass         every residue divided by 1 + value (damping and stiffness of the ri
              divided with it: they stay what they are in newton); of lags in a row: of the gain alone;
 damping      d of the rigid body, value in units of 1/s at nominal mass;
 stiffness    relative change of k of the first mode, where it is bound;
-mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode.
+mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode, the numerator of its
+             share of y (position and velocity as the sensor sees them) as it was.
 
 `without_zero` is a choice, not a number that is fitted: the zero of two lags goes.
 """
@@ -118,6 +119,8 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
             w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)
             new_k = stiffness * w**2
             new_d = damping * w * (1.0 + values.get(f"mode_{i}_damping", 0.0))
+            # What u and the sensor are to it stays: the numerator of its share of y.
+            b = b - push * (new_d - damping) * float(mode.position @ mechanics.b)
         a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
         modes.append(_moved(mode, push, b * gain, new_k, new_d))
     fast = mechanics.fast

@@ -70,6 +70,24 @@ def test_points_of_a_corrected_plant_are_those_of_its_plant_file(name, side):
         np.testing.assert_allclose(seen[0], seen[1], rtol=1e-8)
 
 
+def test_a_further_mode_keeps_what_the_sensor_sees_of_it():
+    """y = (g + r s) eta: a mode that is stiffer and better damped changes eta alone."""
+    nominal = Simulator(load_plant("kernel2018_loop")).mechanics
+    moved = corrected(nominal, {"mode_1_frequency": 0.1, "mode_1_damping": 0.3})
+    for w in (3.0, 50.0, 400.0):
+        shares = [m.modes[1].position @ _state(m, w) for m in (nominal, moved)]
+        own = [
+            (1j * w) ** 2 + 1j * w * mode.damping + mode.stiffness
+            for mode in (nominal.modes[1], moved.modes[1])
+        ]
+        assert shares[1] * own[1] == pytest.approx(shares[0] * own[0], rel=1e-9)
+
+
+def _state(mechanics, w):  # type: ignore[no-untyped-def]
+    """The state under u = exp(j w t)."""
+    return np.linalg.solve(1j * w * np.eye(mechanics.order) - mechanics.a, mechanics.b)
+
+
 def _paths(mechanics, point, w):  # type: ignore[no-untyped-def]
     n = mechanics.order
     at = np.linalg.inv(1j * w * np.eye(n) - mechanics.a)
