@@ -50,7 +50,7 @@ def _rungs(
         bounds = EFFECTS[spec.name].parameter(name)
         rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
         rungs = np.clip(rungs, bounds.lower, bounds.upper)
-        values += [{**spec.parameters, name: float(value)} for value in rungs]
+        values += [EFFECTS[spec.name].rung(spec.parameters, name, float(value)) for value in rungs]
     tried = [
         replace(spec, parameters=p, options={**spec.options, **form})
         for form in forms

@@ -32,6 +32,7 @@ from ffl.systems.zpk import Zpk
 A_ZERO = 0.005  # of the sum of two lags: a faster zero is that of the hold, or rounding
 WITHOUT_ZERO = "without_zero"
 BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
+LIGHTEST = -0.95  # relative: a mass that also stood for a lag may be many times too large
 KEPT = 64  # corrected simulators: more than one Jacobian asks for
 BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slower than 1 kHz
 
@@ -61,7 +62,7 @@ def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
     first = mechanics.modes[0]
     damping, stiffness = modal_terms(mechanics, first)
     rate = 0.1 * abs(damping) + 0.01
-    out = [Correction("mass", 0.01, -0.8, 5.0)]
+    out = [Correction("mass", 0.01, LIGHTEST, 5.0)]
     if stiffness > min(BOUND, BOUND_PER_SAMPLE / mechanics.sample_time) ** 2:
         out.append(Correction("damping", 0.1 * abs(damping) + 1e-3, -abs(damping), 1e4))
         out.append(Correction("stiffness", 0.01, -0.9, 10.0))

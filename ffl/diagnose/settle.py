@@ -35,9 +35,13 @@ DRY = frozenset(  # forms of one and the same friction: rivals, never company
         "presliding_friction",
         "hysteresis",
         "position_dependent_friction",
+        "logarithmic_friction",
     }
 )
 
+# Of these one that holds nothing at rest, and damps: to first order dry friction beside a damping that is
+# off, which is looked for first. Tried in the place of a friction that stands.
+CREEPING = frozenset({"logarithmic_friction"})
 
 # Forms of which a constant load beside them makes one with a level for each direction, and what of them
 # is the level at speed.

@@ -113,9 +113,17 @@ def _reach(model: Model) -> float:
     return max((EFFECTS[s.name].reach(s.parameters) for s in model.acting), default=0.0)
 
 
+def _recalled(model: Model, trial: Trial) -> float:
+    """How far from the first command the one before may have been where an open-loop drive still shows
+    it, input units; 0 where none is remembered. (A controller's command moves little within a lag.)"""
+    lags = any(EFFECTS[s.name].remembers_command for s in model.acting)
+    shows = lags and model.base.plant.controller is None
+    return float(np.sqrt(np.mean(trial.u**2))) if shows else 0.0
+
+
 def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, float]:
-    """One Gauss-Newton step on the plant's states and on the travel that its contacts remember, with the
-    doubt as prior, and what it takes off the sum of squares."""
+    """One Gauss-Newton step on the plant's states, on the travel that its contacts remember and on the
+    command that its drive does, with the doubt as prior, and what it takes off the sum of squares."""
     n = model.base.simulator.n_plant
     order = np.flatnonzero(np.diag(trial.doubt) > 0)
     at = [k for k in range(n) if k < len(trial.start)]
@@ -126,15 +134,17 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
         return whole, 0.0
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
     sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
-    reach = _reach(model)
-    size = len(at) + (reach > 0)
+    reach, command = _reach(model), _recalled(model, whole)
+    beside = np.array([reach, command])[[reach > 0, command > 0]]
+    size = len(at) + len(beside)
 
     def moved(trial: Trial, step: Array) -> Trial:
         start = trial.start.copy()
         start[at] += step[: len(at)] * spread[at]
-        return replace(
-            trial, start=start, travel=trial.travel + reach * float(step[len(at) :].sum())
-        )
+        more = iter(beside * step[len(at) :])
+        travel = trial.travel + float(next(more)) if reach > 0 else trial.travel
+        held = trial.before + float(next(more)) if command > 0 else trial.held
+        return replace(trial, start=start, travel=travel, held=held)
 
     columns = []
     for unit in np.eye(size):

@@ -49,6 +49,7 @@ class Trial:
     loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
     adrift: tuple[Array, Array] | None = None  # start and doubt, were it not at rest after all
     off: bool = False  # the drive was off until the first sample
+    held: float | None = None  # command until the first sample, where it was found
     unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
     warm: float = 0.0  # squared command that had warmed the machine before (see `warmth`)
 
@@ -67,7 +68,8 @@ class Trial:
     def before(self) -> float:
         """The command held until the first sample, as near as it is known: the first one, input
         units; none where the drive was off. A machine that holds a spring has had it for long."""
-        return 0.0 if self.off else self._driven(1)
+        known = 0.0 if self.off else self.held
+        return self._driven(1) if known is None else known
 
     @property
     def holding(self) -> float:
@@ -278,7 +280,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
             start = rest_under(simulator, float(recording.u[0]), held, first)
     adrift = None
     if known_command and (plant.controller is not None or not rest):
-        adrift = _in_motion(simulator, recording, noise)
+        adrift = in_motion_from(simulator, recording, noise)
     if not rest and adrift is not None:
         start[: n_plant + delay], doubt = adrift[0][: n_plant + delay], adrift[1]
     if plant.controller is not None and known_command:
@@ -304,7 +306,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     )
 
 
-def _in_motion(simulator: Simulator, recording: Recording, noise: float) -> tuple[Array, Array]:
+def in_motion_from(simulator: Simulator, recording: Recording, noise: float) -> tuple[Array, Array]:
     """(start, doubt) of a plant that moves at the first sample; the controller's states stay zero."""
     n = simulator.n_plant + simulator.mechanics.delay
     start, doubt = np.zeros(simulator.n_states), np.zeros((n + simulator.controller.order,) * 2)

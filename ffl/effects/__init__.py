@@ -17,6 +17,7 @@ from ffl.effects.hardening_spring import HardeningSpring
 from ffl.effects.hysteresis import Hysteresis
 from ffl.effects.input_delay import InputDelay
 from ffl.effects.linear_stiffness import LinearStiffness
+from ffl.effects.logarithmic_friction import LogarithmicFriction
 from ffl.effects.mass_change import MassChange
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
@@ -46,6 +47,7 @@ EFFECTS: dict[str, Effect] = {
         StribeckFriction(),
         PreslidingFriction(),
         PositionDependentFriction(),
+        LogarithmicFriction(),
         ConstantLoad(),
         Cogging(),
         LinearStiffness(),

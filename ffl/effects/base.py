@@ -219,6 +219,10 @@ class Effect:
         remembers no command is as it was."""
         return state
 
+    @property
+    def remembers_command(self) -> bool:
+        return type(self).after_command is not Effect.after_command
+
     def after_travel(
         self, state: list[float], packed: Sequence[float], travel: float
     ) -> list[float]:
@@ -254,11 +258,20 @@ class Effect:
         """What the sensor shows of a machine that stands still at `position`."""
         return position
 
+    def passes(self, values: Parameters, seen: Array) -> Array | None:
+        """(N,) what a sensor shows of a small change where it would show `seen` without the effect, a
+        share of it; None where that is all."""
+        return None
+
     # --- diagnosis -------------------------------------------------------------------------------
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         """Values of the non-linear parameters to try, from the data; [{}] where there are none."""
         return [{}]
+
+    def rung(self, values: Parameters, name: str, value: float) -> dict[str, Any]:
+        """`values` with another `value` of the parameter `name` of its `ladder`: a start like this one."""
+        return {**values, name: value}
 
     def forms(self, flexible: bool) -> list[dict[str, Any]]:
         """Options of each form it can take on a plant with modes (`flexible`) or without."""

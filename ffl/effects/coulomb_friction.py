@@ -36,6 +36,7 @@ class CoulombFriction(Effect):
         "position_dependent_friction",
         "hysteresis",
         "backlash",
+        "logarithmic_friction",
     )
     law = staticmethod(_law)
     remembers = True

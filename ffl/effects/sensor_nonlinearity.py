@@ -53,6 +53,11 @@ class SensorNonlinearity(Effect):
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         return [float(KINDS.index(values["kind"])), values["level"]]
 
+    def passes(self, values: Parameters, seen: Array) -> Array:
+        if values["kind"] == "rectified":
+            return np.sign(seen)
+        return (np.abs(seen) < values["level"]).astype(float)
+
     def grid(self, motion: Motion) -> list[dict[str, Any]]:
         levels = np.unique(np.quantile(np.abs(motion.x), [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]))
         clipping = [{"kind": "clipping", "level": float(v)} for v in levels if v > 0]

@@ -16,7 +16,13 @@ class ViscousFriction(Effect):
     name = "viscous_friction"
     parameters = (Parameter("coefficient", "F s/x"),)
     depends_on = ("velocity",)
-    siblings = ("quadratic_drag", "coulomb_friction", "mass_change", "actuator_lag")
+    siblings = (
+        "quadratic_drag",
+        "coulomb_friction",
+        "mass_change",
+        "actuator_lag",
+        "logarithmic_friction",
+    )
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         point = mechanics.point(self.side_in(setting), setting.mass_ratio)

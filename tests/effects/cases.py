@@ -119,6 +119,11 @@ ORACLE = {
         Case(levels=lambda x, v: (np.interp(x, GRID, UP), np.interp(x, GRID, DOWN))),
         3e-5,
     ),
+    "logarithmic_friction": (
+        {"level": 2.0, "velocity": 0.01},
+        Case(force=lambda t, x, v, z: -2.0 * np.arcsinh(v / 0.01)),
+        2e-9,
+    ),
     "constant_load": ({"force": -3.0}, Case(force=lambda t, x, v, z: -3.0), 1e-12),
     "cogging": (
         {"amplitude": 3.0, "period": 0.005, "phase": 0.3, "amplitude_2": 0.5, "phase_2": 0.1},

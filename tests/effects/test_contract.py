@@ -31,6 +31,7 @@ SMALL = {
         {"table": {"grid": [-0.02, 0.02], "positive": [1e-4, 2e-4], "negative": [2e-4, 1e-4]}},
         {"knots": 2.0, "low": -0.02, "high": 0.02},
     ),
+    "logarithmic_friction": ({"level": 1e-4, "velocity": 0.02}, {"velocity": 0.02}),
     "constant_load": ({"force": 1e-4}, {}),
     "cogging": ({"amplitude": 1e-4, "period": 0.005, "phase": 0.3}, {"period": 0.005}),
     "linear_stiffness": ({"stiffness": 0.01, "centre": 0.002}, {}),
