@@ -169,7 +169,7 @@ def _trace(scene: Scene, whitener: Whitener, n: int) -> Array:
     """What a unit force of one sample does to the whitened residual, as long as it lasts."""
     unit = np.zeros(min(MEMORY, n))
     unit[0] = 1.0
-    steady = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
+    steady = whitener.steady
     trace = steady(np.atleast_1d(scene.loop.process_sensitivity.filter(unit)))
     energy = np.cumsum(trace**2)
     return trace[: int(np.searchsorted(energy, ENERGY * energy[-1])) + 1]

@@ -263,7 +263,7 @@ class FreeScreen(Screen):
     def of(self, scene: Scene) -> FreeScreen:
         """The same along another scene, whose recordings began otherwise."""
         other = copy.copy(self)
-        other.scene = scene
+        other.scene, other.passage = scene, self.passage.of(scene)
         return other
 
     def from_nominal(self, model: Model) -> Array:

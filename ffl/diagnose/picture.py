@@ -10,8 +10,8 @@ from ffl.diagnose.formula import Formula
 from ffl.diagnose.freeform import words
 from ffl.diagnose.freemodel import FreeModel, Part
 from ffl.diagnose.linear import discrete
+from ffl.diagnose.passage import nothing
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.screen import nothing
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.wiener import Wiener, of_force
 from ffl.effects.modal import force_unit, is_speed

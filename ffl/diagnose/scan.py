@@ -34,7 +34,7 @@ def adjoint(residual: Array, impulse: Array) -> Array:
 def periods(screen: Screen, effect: Effect, place: Place) -> list[Mapping[str, float]]:
     """Values of the scanned parameter worth an exact look, refined between grid points."""
     motions = screen.motions(place)
-    impulses = screen.impulses(place)
+    impulses = screen.passage.impulses(place)
     lengths = [len(m.t) for m in motions]
     pieces = np.split(screen.residual, np.cumsum(lengths)[:-1])
     forces = [adjoint(e, h) for e, h in zip(pieces, impulses, strict=True)]

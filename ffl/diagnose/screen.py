@@ -14,14 +14,13 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-import scipy.fft
 import scipy.optimize
 
 from ffl.diagnose.candidate import Candidate, spec_of
 from ffl.diagnose.fit import Fit, jacobian
 from ffl.diagnose.followed import followed, strays
-from ffl.diagnose.linear import discrete
 from ffl.diagnose.parallel import each
+from ffl.diagnose.passage import Passage
 from ffl.diagnose.places import (
     Place,
     distinct_forces,
@@ -33,13 +32,11 @@ from ffl.diagnose.scene import Scene
 from ffl.diagnose.span import believed, orthonormal
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.triangle import lengths, triangle
-from ffl.diagnose.whitening import Whitener
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
-from ffl.systems.state_space import Array, StateSpace
+from ffl.systems.state_space import Array
 
-TAIL = 1e-7  # energy of an impulse response that may be cut off
 PER_COLUMN = 8.0  # sum of squares that one more coefficient must take off (twice its likelihood)
 POSITIVE = (  # coefficients of the regressors are magnitudes
     "coulomb_friction",
@@ -90,8 +87,7 @@ class Screen:
         self.scene, self.fit, self.model = scene, fit, fit.model
         self.along = along
         self.setting = self.model.simulator
-        self._impulses: dict[Place, list[Array]] = {}
-        self._spectra: dict[Place, list[tuple[int, Array]]] = {}
+        self.passage = Passage(scene, self.model)
         self._motions: dict[tuple[str, float | None], list[Motion]] = {}
         self._others: Array | None = None
         self.slopes, self.wanted = fit.jacobian, fit.white
@@ -134,88 +130,24 @@ class Screen:
 
     # --- filters ---------------------------------------------------------------------------------
 
-    def impulses(self, place: Place) -> list[Array]:
-        """Impulse response from a signal at `place` to the whitened y, one per recording."""
-        if place not in self._impulses:
-            response = self._response(place)
-            out = []
-            done: dict[int, Array] = {}
-            for whitener in self.scene.whiteners:
-                key = id(whitener)
-                if key not in done:
-                    h = _steady(whitener)(response)
-                    energy = np.cumsum(h[::-1] ** 2)[::-1]
-                    keep = int(np.searchsorted(-energy, -TAIL * energy[0])) + 1
-                    done[key] = h[:keep]
-                out.append(done[key])
-            self._impulses[place] = out
-        return self._impulses[place]
-
-    def _response(self, place: Place) -> Array:
-        """Impulse response from a signal at `place` to y."""
-        longest = max(len(t) for t in self.scene.trials)
-        n = min(longest, 1 << 14)
-        mechanics = self.model.simulator.mechanics
-        loop = self.scene.loop
-        unit = np.zeros(n)
-        unit[0] = 1.0
-        if place.port == "output":
-            return loop.sensitivity.filter(unit)
-        if place.port == "command":
-            return loop.process_sensitivity.filter(unit)
-        point = mechanics.point(place.side, place.mass_ratio)
-        through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
-        through = replace(through, fast=nothing(mechanics.sample_time))
-        return loop.sensitivity.filter(discrete(through).filter(unit))
-
     def through(self, place: Place, columns: Sequence[Array]) -> Array:
-        """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of a sensor in a
-        loop at rest what changes since: the loop has brought the rest to the reference. Of what a
-        machine does its sensor shows what it `passes`."""
-        out = []
-        settled = place.port == "output" and self.scene.loop.controller is not None
-        for k, (x, trial, (n, response)) in enumerate(
-            zip(columns, self.scene.trials, self._responses(place), strict=True)
-        ):
-            x = x - x[0] if settled and trial.at_rest else x
-            passed = None if place.port == "output" else self._passed[k]
-            if passed is None:
-                y = scipy.fft.irfft(scipy.fft.rfft(x.T, n) * response, n)[:, : len(x)].T
-            else:
-                y = _steady(self.scene.whiteners[k])(passed[:, None] * self._moved(place, x))
-            out.append(trial.weighed(y))
-        return np.concatenate(out)
-
-    def _moved(self, place: Place, x: Array) -> Array:
-        """What signals x (N, k) at `place` do to y before its sensor."""
-        response = self._response(place)
-        n = scipy.fft.next_fast_len(len(x) + len(response) - 1, real=True)
-        return scipy.fft.irfft(scipy.fft.rfft(x.T, n) * scipy.fft.rfft(response, n), n)[
-            :, : len(x)
-        ].T
+        """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of what a machine
+        does its sensor shows what it `passes`."""
+        return self.passage.through(
+            place, columns, None if place.port == "output" else self._passed
+        )
 
     @cached_property
-    def _passed(self) -> list[Array | None]:
+    def _passed(self) -> list[Array] | None:
         """What the model's sensor shows of a small change, (N,) of each recording: minus that where it
         is blind to the sign, nothing where it clips; None where all of it."""
         blind = [(EFFECTS[s.name], s.parameters) for s in self.model.acting]
         blind = [pair for pair in blind if pair[0].passes(pair[1], np.zeros(1)) is not None]
-        out: list[Array | None] = []
-        for motion in self.motions(Place("output", "sensor")) if blind else []:
-            speed = self.model.simulator.mechanics.place is not None
-            seen = motion.v if speed else motion.x
-            out.append(np.prod([effect.passes(v, seen) for effect, v in blind], axis=0))
-        return out or [None] * len(self.scene.trials)
-
-    def _responses(self, place: Place) -> list[tuple[int, Array]]:
-        """Length of the transform and spectrum of the impulse response, one per recording."""
-        if place not in self._spectra:
-            out = []
-            for trial, h in zip(self.scene.trials, self.impulses(place), strict=True):
-                n = scipy.fft.next_fast_len(len(trial) + len(h) - 1, real=True)
-                out.append((n, scipy.fft.rfft(h, n)))
-            self._spectra[place] = out
-        return self._spectra[place]
+        if not blind:
+            return None
+        speed = self.model.simulator.mechanics.place is not None
+        seen = [m.v if speed else m.x for m in self.motions(Place("output", "sensor"))]
+        return [np.prod([effect.passes(v, x) for effect, v in blind], axis=0) for x in seen]
 
     # --- motion ----------------------------------------------------------------------------------
 
@@ -422,12 +354,3 @@ def _joined(motions: Sequence[Motion]) -> Motion:
 
 def _middle(x: Array) -> Array:
     return np.append(0.5 * (x[1:] + x[:-1]), x[-1])
-
-
-def _steady(whitener: Whitener) -> Whitener:
-    """As it is long after the start: that of the first order is no secret."""
-    return replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
-
-
-def nothing(sample_time: float) -> StateSpace:
-    return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)

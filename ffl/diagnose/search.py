@@ -11,7 +11,7 @@ a second one is thought of, all siblings of the first have been fitted too.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
-from ffl.diagnose.fit import Fit, fit
+from ffl.diagnose.fit import Fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
 from ffl.diagnose.harmonics import with_harmonics
@@ -37,15 +37,12 @@ from ffl.diagnose.judging import (
     raw_error,
     raw_residuals,
 )
-from ffl.diagnose.ladders import overlooked
 from ffl.diagnose.line import crosses, on_the_line
 from ffl.diagnose.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
-from ffl.diagnose.places import points_of
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.screen import Screen, as_measured
 from ffl.diagnose.settle import (
     CREEPING,
     DRY,
@@ -57,15 +54,14 @@ from ffl.diagnose.settle import (
     one_for_two,
     settle,
 )
-from ffl.diagnose.shortlist import SHORTLIST, shortlist
 from ffl.diagnose.span import orthonormal
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.together import HIDDEN, starts, together
 from ffl.diagnose.unrest import unrest_of, with_unrest
+from ffl.diagnose.views import View, entrants_of, screens
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
-FAR = 0.6  # surprise of the corrections at which effects compete from nominal ones too
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
 NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
 FORKS = 2  # most of these that are followed
@@ -231,7 +227,7 @@ def _round(
     if sets and sets[0].share < HIDDEN:
         accepted = several = together(quiet, held, base, sets, threshold, say)
     if several is None or several.fit.far:
-        entrants = _entrants(quiet, base, views, taken)
+        entrants = entrants_of(quiet, base, views, taken)
         base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
         if sets and several is None:
             several = together(quiet, held, base, sets, threshold, say, accepted)
@@ -239,38 +235,6 @@ def _round(
         rivals, accepted = [several, *rivals], several
     screened = tuple(c for view in views for c in view.seen)
     return Step(base, screened, tuple(rivals), accepted)
-
-
-@dataclass(frozen=True)
-class View:
-    """What a `screen` has `seen`, of it what is `fresh`, and of this what is `allowed` to come in now."""
-
-    screen: Screen
-    seen: list[Candidate]
-    fresh: list[Candidate]
-    allowed: list[Candidate]
-
-    @classmethod
-    def of(cls, screen: Screen, taken: Collection[str], least: float, reserved: bool) -> View:
-        """`fresh`: not `taken`, and of more than the `least` gain; the pliable are `reserved` for last, and
-        what creeps comes in the place of others alone."""
-        seen = screen.candidates()
-        barred = CREEPING.union(taken)
-        fresh = [c for c in seen if c.spec.name not in barred and c.gain > least]
-        allowed = [c for c in fresh if (c.spec.name not in PLIABLE) == reserved]
-        return cls(screen, seen, fresh, allowed)
-
-
-def _entrants(
-    quiet: Scene, base: Judged, views: Sequence[View], taken: Collection[str]
-) -> list[Candidate]:
-    """Who of those in each view is worth a fit, and whom first order overlooks."""
-    # Far from what was measured first orders do not tell one point from another.
-    places, points, out = SHORTLIST if base.fit.far else 2, points_of(base.model), []
-    for view in views:
-        listed = shortlist(view.allowed, places=places, points=points)
-        out += listed + overlooked(quiet, base, view.screen.fit, view.fresh, listed, taken)
-    return out
 
 
 def _one_more(
@@ -391,16 +355,3 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
         if halved or rival.fitted - base.fitted > NOISY * usual or usual < np.sum(own):
             out.append(rival)
     return out
-
-
-def screens(quiet: Scene, base: Judged) -> list[Screen]:
-    """Views of what `base` leaves: from where its corrections stand and, where these have gone
-    far to stand in for an effect, from nominal ones as well; where the machine went another way, along
-    that too."""
-    out = [Screen(quiet, base.fit)]
-    if base.fit.surprise > FAR:
-        kept = {k: v for k, v in base.model.corrections.items() if k in base.model.held}
-        nominal = replace(base.model, corrections=kept)
-        out.append(Screen(quiet, fit(quiet, nominal, rounds=0)))
-    along = as_measured(quiet, out[-1].fit)
-    return out if along is None else [*out, along]

@@ -133,7 +133,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
     if run.diverged or not len(order):
         return whole, 0.0
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
-    sure = replace(whitener, gains=whitener.gains[-1:], scales=whitener.scales[-1:])
+    sure = whitener.steady
     reach, command = _reach(model), _recalled(model, whole)
     beside = np.array([reach, command])[[reach > 0, command > 0]]
     size = len(at) + len(beside)

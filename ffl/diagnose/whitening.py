@@ -8,7 +8,7 @@ the log of its scales completes the Gaussian likelihood.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -160,6 +160,11 @@ class Whitener:
         if table.ndim == 1:
             return _innovations_of_one(self.a, self.c, self.gains, self.scales, table)
         return _innovations(self.a, self.c, self.gains, self.scales, table)
+
+    @property
+    def steady(self) -> Whitener:
+        """As it is long after the start, whose doubt then hides nothing."""
+        return replace(self, gains=self.gains[-1:], scales=self.scales[-1:])
 
     def log_scale(self, n: int) -> float:
         """Sum of the logarithms of the first `n` scales: the likelihood's determinant."""
