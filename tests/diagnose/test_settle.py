@@ -9,7 +9,7 @@ from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.settle import levels_of, one_for_two
+from ffl.diagnose.settle import challengers, levels_of, one_for_two
 from ffl.diagnose.trials import prepare
 from ffl.machines import Simulator
 from ffl.systems import EffectSpec
@@ -57,3 +57,18 @@ def test_two_halves_are_one_unless_the_friction_says_more(stage, record, frictio
     levels = found.effects[0].parameters
     assert levels["level_positive"] == pytest.approx(2.5, rel=0.02)
     assert levels["level_negative"] == pytest.approx(3.5, rel=0.02)
+
+
+@pytest.mark.parametrize("source", ["", "ffl identify linear of a long recording"])
+def test_friction_that_creeps_comes_in_the_place_of_dry_friction_beside_a_model_that_was_identified(
+    stage, record, source
+):  # type: ignore[no-untyped-def]
+    plant = replace(stage, source=source)
+    recordings = record(replace(plant, effects=(LEVEL,)))
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
+    scene = Scene(plant.loop, tuple(prepare(base.simulator, r, 1e-7) for r in recordings), NOISE)
+    judged = judge(scene, None, replace(Model(base), effects=(LEVEL,)), rounds=1)
+    asked = frozenset({"logarithmic_friction", "stribeck_friction"})
+    found = {c.spec.name for c in challengers(scene, judged, 0, [], frozenset(), asked)}
+    assert "stribeck_friction" in found
+    assert ("logarithmic_friction" in found) == bool(source)

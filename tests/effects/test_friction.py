@@ -5,6 +5,7 @@ import pytest
 from cases import ORACLE, STAGE, reference
 from oracle import Case, run
 
+from ffl.effects import EFFECTS
 from ffl.effects.slip import slip
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
@@ -218,3 +219,11 @@ def test_a_yielding_table_takes_energy(ratio):
     eases = table(stiffness=2e5, static_ratio=ratio, stribeck_velocity=0.02)
     run = CLOSED.run([eases], reference())
     assert run.contribution[:-1, 0] @ np.diff(run.x) < 0
+
+
+def test_another_velocity_of_logarithmic_friction_keeps_the_force_at_the_first():
+    effect, values = EFFECTS["logarithmic_friction"], {"level": 2.0, "velocity": 0.03}
+    other = effect.rung(values, "velocity", 0.002)
+    assert other["velocity"] == 0.002
+    force = [p["level"] * np.arcsinh(0.03 / p["velocity"]) for p in (values, other)]
+    assert force[0] == pytest.approx(force[1], rel=1e-12)

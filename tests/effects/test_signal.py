@@ -24,3 +24,17 @@ def test_signal_is_what_the_kernel_adds_to_the_command(name, parameters):
     motion = replace(Motion.still(0.0, 1e-3), u=u)
     added = MASS.run([spec], feedforward=u).contribution.sum(axis=1)
     np.testing.assert_allclose(EFFECTS[name].signal(spec, motion), added, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["clipping", "rectified"])
+def test_what_a_sensor_passes_is_how_what_it_shows_of_a_machine_changes(kind):
+    u = np.sin(np.arange(400) * 0.05) * np.linspace(0.2, 1.0, 400)
+    plain, more = (MASS.run((), feedforward=f * u).y for f in (1.0, 1.0 + 1e-7))
+    level = 0.6 * float(np.abs(plain).max())
+    spec = EffectSpec("sensor_nonlinearity", {"kind": kind, "level": level})
+    seen, after = (MASS.run((spec,), feedforward=f * u).y for f in (1.0, 1.0 + 1e-7))
+    clear = np.minimum(np.abs(plain), np.abs(np.abs(plain) - level)) > 1e-3 * level
+    assert np.count_nonzero(clear) > 300
+    passed = EFFECTS[spec.name].passes(spec.parameters, plain)
+    error = (after - seen - passed * (more - plain))[clear]
+    assert np.abs(error).max() < 1e-6 * np.abs(more - plain).max()
