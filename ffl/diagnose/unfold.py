@@ -32,9 +32,8 @@ MOST = 3000  # samples that the search looks at
 RESONANCES = 8
 ROUNDS = 400
 TURNS = 20  # most between the signs of an output and its start
-LEARNED = (
-    "ffl identify linear, through a sensor blind to the sign"  # all its numbers are corrections
-)
+# As a source: identified (`Plant.is_identified`), so that its numbers are corrected at any size.
+LEARNED = "ffl identify linear, through a sensor blind to the sign"
 FIRST = 0.7  # of a recording: what each start is fitted to
 
 
