@@ -71,7 +71,7 @@ def _left(scene: Scene, fit: Fit) -> list[Array]:
 def _own_likelihood(scene: Scene, residuals: Sequence[Array]) -> float:
     """Log-likelihood of what is left, were it all noise."""
     own = scene.with_noise_of(residuals)
-    return own.log_likelihood(own.whiten(residuals))
+    return own.likeliest(own.whiten(residuals))
 
 
 def _same(one: Fit, other: Fit, within: float) -> bool:

@@ -177,9 +177,7 @@ def _plain(standing: Judged, scene: Scene) -> float:
     residuals = judged.residuals(standing.model)
     if residuals is None:
         return -np.inf
-    white = judged.whiten(residuals)
-    square = float(np.mean(white**2))
-    return judged.log_likelihood(white / np.sqrt(square)) - 0.5 * len(white) * float(np.log(square))
+    return judged.likeliest(judged.whiten(residuals))
 
 
 def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judged | None:

@@ -166,3 +166,9 @@ class Scene:
 
     def log_likelihood(self, white: Array) -> float:
         return self.worth * float(-0.5 * (white @ white) - self.log_scale)
+
+    def likeliest(self, white: Array) -> float:
+        """`log_likelihood` under noise of the size that suits `white` best:
+        -n/2 (1 + log(mean square)) - log det."""
+        size = max(float(np.mean(white**2)), 1e-300)
+        return self.worth * (-0.5 * len(white) * (1.0 + float(np.log(size))) - self.log_scale)

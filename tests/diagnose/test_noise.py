@@ -53,6 +53,31 @@ def test_innovations_of_the_true_noise_are_white(stage, noise):  # type: ignore[
         assert abs(r) < 5 / np.sqrt(n)
 
 
+def test_what_stands_still_is_in_the_noise_that_scores(stage, noise):  # type: ignore[no-untyped-def]
+    """A force left out: noise of the mean knows of it, the envelope of what moves does not."""
+    zero, left_out = np.zeros(6000), np.full(6000, 0.1)
+    offset = stage.loop.system.filter(np.column_stack([zero, zero, left_out, zero]))[500:, 0]
+    left = [x + offset for x in noise]
+
+    def power(quantile):  # type: ignore[no-untyped-def]
+        found = fit_noise(stage.loop, left, Noise(1e-7, 0.1), quantile=quantile)
+        white = Whitener.of(stage.loop, found)(np.column_stack(left))
+        return float(np.mean(white**2))
+
+    assert power(None) < 1.15
+    assert power(0.35) > 1.5
+
+
+def test_the_likeliest_size_of_noise(stage, scenes, record):  # type: ignore[no-untyped-def]
+    scene, _, model = scenes(record(stage))
+    white = scene.whiten(scene.residuals(model))
+    around = [scene.noise.scaled(np.sqrt(np.mean(white**2)) * f) for f in (0.98, 1.0, 1.02)]
+    tried = [replace(scene, noise=n) for n in around]
+    scores = [s.log_likelihood(s.whiten(s.residuals(model))) for s in tried]
+    assert scores[1] > max(scores[0], scores[2])
+    assert scene.likeliest(white) == pytest.approx(scores[1], abs=0.1)
+
+
 def test_fitted_density_is_the_true_one(stage, noise):  # type: ignore[no-untyped-def]
     fitted = fit_noise(stage.loop, noise, Noise(1e-7, 0.1))
     paths = Paths.of(stage.loop, np.geomspace(1.0, 450.0, 60))
