@@ -65,8 +65,11 @@ def _parameters(truth: dict, answer: dict) -> list[tuple[str, str, float, float 
     true = {e["name"]: e["parameters"] for e in truth["effects"]}
     out = []
     for effect in answer.get("effects", []):
+        own = effect.get("parameters", {})
+        if effect["name"] == "position_dependent_gain" and effect["name"] in true:
+            own = _about(own, true[effect["name"]]["centre"])
         for name, right in true.get(effect["name"], {}).items():
-            entry = effect.get("parameters", {}).get(name)
+            entry = own.get(name)
             if entry is None or name in SKIPPED_PARAMETERS:
                 continue
             value = entry["value"] if isinstance(entry, dict) else entry
@@ -81,6 +84,24 @@ def _parameters(truth: dict, answer: dict) -> list[tuple[str, str, float, float 
             z = abs(error) / spread if spread else None
             out.append((effect["name"], name, abs(error) / size if size else abs(error), z))
     return out
+
+
+def _about(parameters: dict, centre: float) -> dict:
+    """A gain that depends on position, told about another centre: no recording tells one centre from
+    another beside a gain of its own. With d the way there and s = 1 + a d + b d^2,
+    a' = (a + 2 b d)/s and b' = b/s; standard errors as of numbers that do not depend on one another."""
+    a, b = (parameters.get(f"{order}_coefficient") for order in ("linear", "quadratic"))
+    at = parameters.get("centre")
+    if not all(isinstance(entry, dict) and "value" in entry for entry in (a, b, at)):
+        return parameters
+    way = centre - at["value"]
+    size = 1.0 + a["value"] * way + b["value"] * way**2
+    slope = {**a, "value": (a["value"] + 2.0 * b["value"] * way) / size}
+    bend = {**b, "value": b["value"] / size}
+    if a.get("std_error") and b.get("std_error"):
+        slope["std_error"] = math.hypot(a["std_error"], 2.0 * way * b["std_error"]) / abs(size)
+        bend["std_error"] = b["std_error"] / abs(size)
+    return {**parameters, "linear_coefficient": slope, "quadratic_coefficient": bend}
 
 
 def _nrmse_ratio(truth: dict, answer: dict) -> float | None:

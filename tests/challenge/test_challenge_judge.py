@@ -1,0 +1,42 @@
+"""How an answer's numbers are held against the truth's."""
+
+import numpy as np
+import pytest
+
+from ffl.challenge.judge import _about, _parameters
+
+TRUE = {"linear_coefficient": -0.8, "quadratic_coefficient": 12.0, "centre": 0.05}
+
+
+def told_about(centre):  # type: ignore[no-untyped-def]
+    """The true gain as somebody would state it who counts from `centre` and scales it to 1 there."""
+    a, b = TRUE["linear_coefficient"], TRUE["quadratic_coefficient"]
+    way = centre - TRUE["centre"]
+    size = 1.0 + a * way + b * way**2
+    numbers = {"linear_coefficient": (a + 2 * b * way) / size, "quadratic_coefficient": b / size}
+    entries = {name: {"value": v, "std_error": 0.01} for name, v in numbers.items()}
+    return {**entries, "centre": {"value": centre}}
+
+
+@pytest.mark.parametrize("centre", [0.05, -0.02, 0.2])
+def test_a_gain_is_the_same_about_any_centre(centre):
+    back = _about(told_about(centre), TRUE["centre"])
+    for name in ("linear_coefficient", "quadratic_coefficient"):
+        assert back[name]["value"] == pytest.approx(TRUE[name], rel=1e-9)
+        assert back[name]["std_error"] > 0.0
+
+
+def test_its_errors_are_those_of_the_law_and_not_of_where_it_is_counted_from():
+    truth = {"effects": [{"name": "position_dependent_gain", "parameters": TRUE}]}
+    told = told_about(0.2)
+    told["linear_coefficient"] = {"value": told["linear_coefficient"]["value"], "std_error": 0.01}
+    found = _parameters(
+        truth, {"effects": [{"name": "position_dependent_gain", "parameters": told}]}
+    )
+    assert {name for _, name, _, _ in found} == {"linear_coefficient", "quadratic_coefficient"}
+    assert all(error < 1e-9 for _, _, error, _ in found)
+    told["linear_coefficient"]["value"] += 0.5
+    found = _parameters(
+        truth, {"effects": [{"name": "position_dependent_gain", "parameters": told}]}
+    )
+    assert np.max([error for _, _, error, _ in found]) > 0.1
