@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 
+from ffl.diagnose.amounts import NAMES, netted
 from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.model import Model
@@ -201,10 +202,13 @@ def mean_square(judged: Judged) -> float:
 
 
 def credible(judged: Judged) -> bool:
-    """Whether every effect has numbers of the physics that it is named for."""
-    return all(
-        EFFECTS[spec.name].credible(spec, _longest(judged.scene)) for spec in judged.model.effects
-    )
+    """Whether every effect has numbers of the physics that it is named for, and none is undone by the
+    model's own number of its kind. (A damper at the motor that took the place of half the machine's own
+    was a delay of half a sample; dropped in the end as no effect at all, it left nobody in its place.)"""
+    longest = _longest(judged.scene)
+    if not all(EFFECTS[spec.name].credible(spec, longest) for spec in judged.model.effects):
+        return False
+    return all(netted(judged.scene, judged.model, name) is None for name in NAMES)
 
 
 def _longest(scene: Scene) -> float:
@@ -213,7 +217,7 @@ def _longest(scene: Scene) -> float:
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
-    if not credible(rival):
+    if not np.isfinite(rival.score) or not credible(rival):
         return False
     rival, base = levelled([rival, base])
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.fit import fit
 from ffl.diagnose.judging import OPEN, Judged, earns, judge, levelled, raw_residuals
-from ffl.diagnose.linear import modal_terms
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place, places_of
 from ffl.diagnose.scene import Scene
@@ -24,12 +24,10 @@ TIE = 4.0  # score that a simpler name may cost
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
-LINE = 0.02  # relative mass; share of the RMS force on the plant
 TENTH = {
     "input_delay": "delay",
     "actuator_lag": "time_constant",
 }  # of a sample: the contract's line
-NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
 
 
 def slight(spec: EffectSpec, plant: Plant) -> bool:
@@ -38,40 +36,11 @@ def slight(spec: EffectSpec, plant: Plant) -> bool:
     return name is not None and float(spec.parameters[name]) < 0.1 * plant.sample_time
 
 
-def sizes(scene: Scene, model: Model) -> dict[str, float]:
-    """Signed size of each correction in the contract's terms: relative mass, share of RMS force; none
-    for a process, whose gain and lags are corrections at any size, and for a model identified from
-    the machine, whose numbers all are."""
-    mechanics = model.base.simulator.mechanics
-    if not mechanics.modes or model.base.is_process or model.base.plant.is_identified:
-        return {}
-    mass = mechanics.moving_mass  # damping and stiffness are in force per motion, whatever moves
-    runs = [model.simulate(trial) for trial in scene.trials]
-    v = np.concatenate([run.v for run in runs])
-    x = np.concatenate([run.x for run in runs])
-    u = np.concatenate([run.u for run in runs])
-    force = float(np.sqrt(np.mean(u**2))) or 1.0
-    out = {"mass": model.corrections.get("mass", 0.0)}
-    if "damping" in model.corrections:
-        push = mass * model.corrections["damping"] * float(np.sqrt(np.mean(v**2)))
-        out["damping"] = push / force
-    if "stiffness" in model.corrections:
-        k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
-        push = k * model.corrections["stiffness"] * float(np.sqrt(np.mean((x - x.mean()) ** 2)))
-        out["stiffness"] = push / force
-    return out
-
-
 def crosses(scene: Scene, judged: Judged) -> bool:
     """A correction is beyond the line, for sure and in the way of its effect: an effect by another
     name. (Less damping or stiffness than the model has is none.)"""
-    beyond = [n for n, size in sizes(scene, judged.model).items() if _claims(n, size)]
+    beyond = [n for n, size in sizes(scene, judged.model).items() if claims(n, size)]
     return any(abs(judged.model.corrections[n]) > SURE * _spread(judged, n) for n in beyond)
-
-
-def _claims(name: str, size: float) -> bool:
-    """The size is beyond the line in a way that an effect has a name for."""
-    return (abs(size) if name == "mass" else size) > LINE
 
 
 def on_the_line(held: Scene | None, judged: Judged) -> Judged:
@@ -82,19 +51,6 @@ def on_the_line(held: Scene | None, judged: Judged) -> Judged:
     return judged
 
 
-def _effect_values(model: Model, name: str) -> dict[str, float]:
-    mechanics = model.base.simulator.mechanics
-    scale = model.base.simulator.force_per_input
-    value = model.corrections[name]
-    mass = mechanics.moving_mass * scale
-    if name == "mass":
-        return {"change": value}
-    if name == "damping":
-        return {"coefficient": mass * value}
-    k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
-    return {"stiffness": k * value, "centre": 0.0}
-
-
 def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
     """`judged` with every correction beyond the line turned into its effect; one that was held keeps
     its value, and is free from here on only to say how sure it is."""
@@ -103,7 +59,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         current = _as_it_stands(current, replace(current.model, held=current.model.held - settled))
     for name, effect in NAMES.items():
         size = sizes(scene, current.model).get(name, 0.0)
-        if not _claims(name, size) or effect in {spec.name for spec in current.model.acting}:
+        if not claims(name, size) or effect in {spec.name for spec in current.model.acting}:
             continue  # of less damping or stiffness than the model has no effect says that either
         spread = _spread(current, name)
         if abs(current.model.corrections[name]) < SURE * spread:
@@ -119,7 +75,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         if name == "mass" and len(places) > 1:
             places = [*places, Place("force", "all")]
         for place in places:
-            spec = EffectSpec(effect, _effect_values(current.model, name), place.options)
+            spec = EffectSpec(effect, effect_values(current.model, name), place.options)
             corrections = {k: v for k, v in current.model.corrections.items() if k != name}
             model = replace(
                 current.model,
@@ -159,17 +115,10 @@ def _netted(held: Scene | None, judged: Judged) -> Judged:
     within the line, or less than the model has, no effect is left. (A damping that acts at the motor and
     is free as a whole may else be said twice, and so may a mass of 0.3 % beside one of 1.2 %.)"""
     for name, effect in NAMES.items():
-        model = judged.model
-        if effect not in model.names or name in model.held or name not in model.corrections:
-            continue
-        index = model.names.index(effect)
-        own = model.corrections[name]
-        unit = replace(model, corrections={**model.corrections, name: 1.0})
-        key, value = next(iter(_effect_values(unit, name).items()))
-        amount = float(model.effects[index].parameters[key]) / value
-        net = replace(model.without(index), corrections={**model.corrections, name: own + amount})
-        if not _claims(name, sizes(judged.scene, net)[name]):
-            judged = _without_spring(held, judged, net, model.effects[index])
+        net = netted(judged.scene, judged.model, name)
+        if net is not None:
+            gone = judged.model.effects[judged.model.names.index(effect)]
+            judged = _without_spring(held, judged, net, gone)
     return judged
 
 
@@ -227,7 +176,7 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     size = sizes(scene, model).get("stiffness", 0.0)
     index = model.names.index("constant_load")
     load = model.effects[index]
-    values = _effect_values(model, "stiffness")
+    values = effect_values(model, "stiffness")
     if size <= 0.25 * LINE or abs(load.parameters["force"]) > 1.5 * travel * values["stiffness"]:
         return judged
     values["centre"] = load.parameters["force"] / values["stiffness"]

@@ -5,19 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.judging import judge
+from ffl.diagnose.amounts import sizes
+from ffl.diagnose.judging import credible, judge
 from ffl.diagnose.line import (
     _preloaded,
     _pruned,
     _without_idle,
     across_the_line,
     on_the_line,
-    sizes,
 )
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
+from ffl.machines import SimulatedMachine
 from ffl.systems import EffectSpec
 
 NOISE = Noise(1e-7, 2e-3)
@@ -113,3 +114,17 @@ def test_an_effect_that_does_nothing_beside_a_held_correction_is_dropped(stage, 
     scene, model = scene_of(stage, record(replace(stage, effects=(dry,))))
     judged = judge(scene, None, replace(model, effects=(dry, idle)), rounds=2)
     assert _pruned(None, judged).model.names == ("coulomb_friction",)
+
+
+def test_an_effect_that_the_models_own_number_undoes_is_none(two_masses, references):
+    """A damper at the motor in the place of the machine's own passed for a delay; gone, nobody was left."""
+    machine = SimulatedMachine(two_masses)
+    recording = machine.run(references[0], 0 * references[0], np.random.default_rng(0))
+    scene, model = scene_of(two_masses, [recording])
+    damper = EffectSpec("viscous_friction", {"coefficient": 30.0}, {"side": "motor"})
+    judged = judge(scene, None, model.with_effect(damper), rounds=0)
+    mass = model.base.simulator.mechanics.moving_mass * model.base.simulator.force_per_input
+    for share, alright in ((0.0, True), (-0.5, True), (-1.0, False), (-1.5, False)):
+        other = replace(judged.model, corrections={"damping": share * 30.0 / mass})
+        as_it_is = replace(judged, fit=replace(judged.fit, model=other))
+        assert credible(as_it_is) is alright

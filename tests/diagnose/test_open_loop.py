@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import line
+from ffl.diagnose.amounts import sizes
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.events import events
 from ffl.diagnose.fit import fit
 from ffl.diagnose.imitate import drawn
 from ffl.diagnose.judging import judge
-from ffl.diagnose.line import across_the_line, sizes
+from ffl.diagnose.line import across_the_line
 from ffl.diagnose.linear import corrected
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
