@@ -11,12 +11,14 @@ from ffl.diagnose.scene import Scene
 
 @dataclass(frozen=True)
 class Step:
-    """One round of the contest: what stood, who challenged it, what they reached."""
+    """One round of the contest: what stood, who challenged it, what they reached. `turned_down`: who was
+    accepted, and did not hold up once all was refitted."""
 
     before: Judged
     screened: tuple[Candidate, ...]
     rivals: tuple[Judged, ...]
     accepted: Judged | None
+    turned_down: Judged | None = None
 
     @property
     def joined(self) -> tuple[str, ...]:
