@@ -36,6 +36,25 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
     assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}
 
 
+def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
+    stage, record, scenes, monkeypatch
+):
+    """All are turned down that come in first, both alone and one after the other: nothing stands, until
+    the first is followed with patience."""
+    machine = replace(stage, effects=(FRICTION, SPRING))
+    scene, held, model = scenes(record(machine))
+    monkeypatch.setattr(search, "_worse", lambda *_: True)
+    monkeypatch.setattr(search, "starts", lambda *_: [])
+    said = []
+    outcome = search.contest(scene, held, model, THRESHOLD, progress=said.append)
+    assert sum("turned down again" in line for line in said) > 0
+    assert any("turned down before" in line for line in said)
+    assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}
+    monkeypatch.setattr(search, "HALF", 0.0)
+    alone = Outcome(outcome.steps[0].before, outcome.steps, outcome.held, {})
+    assert search._with_who_was_turned_down(alone, THRESHOLD, 3, said.append) is alone
+
+
 def judged(score, white, *names):
     model = SimpleNamespace(names=names)
     return SimpleNamespace(score=score, fit=SimpleNamespace(white=np.asarray(white)), model=model)
