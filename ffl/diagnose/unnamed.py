@@ -11,7 +11,7 @@ from numpy.random import Generator
 from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.dropouts import Dropouts, dropouts
 from ffl.diagnose.events import PLAINLY, Events, events
-from ffl.diagnose.fit import Fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import (
@@ -124,8 +124,13 @@ def compare(
     maps = free_form(scene, held, nominal if named else standing)
     bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
-    if alone is None and (drawn := measured(scene, held, found)) is not None:
-        return Contest("unnamed", drawn, None, drawn.evidence, 0.0, None, drawn.variables, led=True)
+    if alone is None:
+        # What names leave passes for noise in their own scene: near is who leaves the least noise there is.
+        quiet = replace(calm, noise=least_noise(calm, standing, left))
+        drawn = measured(calm, calm_held, fit(quiet, standing, rounds=0))
+        if drawn is not None:
+            gained = drawn.evidence
+            return Contest("unnamed", drawn, None, gained, 0.0, None, drawn.variables, led=True)
     fitted, held_out, promised = _gains(scene, held, standing, alone) if alone else (0.0, 0.0, 0.0)
     gains = fitted, held_out
     if not named:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffl.diagnose import diagnose, unnamed
+from ffl.diagnose import diagnose, diagnosis, unnamed
 from ffl.diagnose.fit import fit
 from ffl.diagnose.freeform import bare
 from ffl.diagnose.measured import measured
@@ -75,9 +75,14 @@ def test_a_brake_that_lets_go_is_seen_along_the_motion(spring):  # type: ignore[
 
 
 def test_the_answer_says_that_free_runs_part(spring, monkeypatch):  # type: ignore[no-untyped-def]
+    runs = [run(1, brake), run(2, brake)]
+    scene, held, model = scenes(spring, runs)
+    led = measured(scene, held, fit(scene, model))
     alone = lambda scene, held, model, **_: [bare(scene, held, model)]  # noqa: E731
-    monkeypatch.setattr(unnamed, "free_form", alone)  # no map is followed
-    found = diagnose(spring, [run(1, brake)], [run(2, brake)])
+    monkeypatch.setattr(unnamed, "free_form", alone)  # no map is followed,
+    monkeypatch.setattr(diagnosis, "THRESHOLD", np.inf)  # no name earns its place,
+    monkeypatch.setattr(unnamed, "measured", lambda *_: led)  # and this is what is seen
+    found = diagnose(spring, runs[:1], runs[1:])
     assert found.verdict == "unnamed"
     assert found.place.depends_on == ("velocity",)
     assert "as measured" in found.place.where
