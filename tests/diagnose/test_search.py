@@ -32,27 +32,45 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
     outcome = search.contest(scene, held, model, THRESHOLD)
     (first,) = asked[0]
     assert outcome.steps[0].accepted is None  # the first that came in, turned down
+    assert outcome.steps[0].turned_down.model.names == (first,)
     assert outcome.steps[1].accepted.model.names[-1] != first
     assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}
 
 
+@pytest.mark.parametrize(
+    ("gained", "left", "noise", "followed", "stands"),
+    [
+        (500.0, 30.0, 1.0, True, True),
+        (500.0, 80.0, 1.0, True, False),  # not half of what was left
+        (100.0, 30.0, 1.0, False, False),  # the fitted recordings gained little by it
+        (500.0, 30.0, 60.0, False, False),  # what is left may be noise
+    ],
+)
 def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
-    stage, record, scenes, monkeypatch
+    gained, left, noise, followed, stands, monkeypatch
 ):
-    """All are turned down that come in first, both alone and one after the other: nothing stands, until
-    the first is followed with patience."""
-    machine = replace(stage, effects=(FRICTION, SPRING))
-    scene, held, model = scenes(record(machine))
-    monkeypatch.setattr(search, "_worse", lambda *_: True)
-    monkeypatch.setattr(search, "starts", lambda *_: [])
-    said = []
-    outcome = search.contest(scene, held, model, THRESHOLD, progress=said.append)
-    assert sum("turned down again" in line for line in said) > 0
-    assert any("turned down before" in line for line in said)
-    assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}
-    monkeypatch.setattr(search, "HALF", 0.0)
-    alone = Outcome(outcome.steps[0].before, outcome.steps, outcome.held, {})
-    assert search._with_who_was_turned_down(alone, THRESHOLD, 3, said.append) is alone
+    def standing(name, fitted=0.0):  # type: ignore[no-untyped-def]
+        return SimpleNamespace(name=name, model=name, fitted=fitted, scene=None, held=None)
+
+    nothing, first, friction = standing("nothing"), standing("load"), standing("friction", gained)
+    steps = [
+        Step(nothing, (), (), first),
+        Step(nothing, (), (), None, turned_down=friction),
+        Step(nothing, (), (), None),
+    ]
+    outcome, other = (Outcome(standing(n), steps, None, {}) for n in ("stood", "other"))
+    asked = []
+
+    def climb(scene, held, begun, joined, *_, patient):  # type: ignore[no-untyped-def]
+        asked.append((begun, [step.accepted for step in joined], patient))
+        return other
+
+    monkeypatch.setattr(search, "_climb", climb)
+    monkeypatch.setattr(search, "raw_error", lambda _, model: 100.0 if model == "stood" else left)
+    monkeypatch.setattr(search, "noise_error", lambda *_: noise)
+    found = search._with_who_was_turned_down(outcome, THRESHOLD, 3, lambda line: None)
+    assert asked == ([(friction, [first, friction], True)] if followed else [])
+    assert found is (other if stands else outcome)
 
 
 def judged(score, white, *names):
