@@ -51,6 +51,7 @@ TRIES = 5  # damped steps of a round
 STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
 MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
 LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
+ALONG = (0.1, 0.05, 0.02, 0.01)  # the same, of the combination that the samples see least
 PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
 UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
@@ -266,6 +267,7 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
         if value > most:
             best, most = last, value
     best = _moved(_fitted(best, scene.trials), scene.trials, LAST, mass=True)
+    best = _moved_along(_fitted(best, scene.trials), scene.trials)
     return _fitted(best, scene.trials)
 
 
@@ -325,14 +327,49 @@ def _moved(
     own = [k for k, c in enumerate(coordinates) if c.kind != "correction"]
     for size in sizes:
         for k in [*(point.masses if mass else ()), *own]:
-            unit = 1.0 if coordinates[k].log or k in point.masses else coordinates[k].scale
-            for sign in (1.0, -1.0):
-                for _ in range(TRIES):
-                    theta = point.theta
-                    theta[k] += sign * size * (theta[k] if k == point.gap_at else unit)
-                    tried = point.at(theta)
-                    value = tried.worth(trials)
-                    if not value > worth:
-                        break
-                    point, worth = tried, value
+            way = np.zeros(len(coordinates))
+            way[k] = size * _units(point)[k]
+            point, worth = _walked(point, worth, way, trials)
     return point
+
+
+def _moved_along(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """The combination of the effects' numbers that the samples see least, moved as long as it helps:
+    gap and mass ratio go up together and what is seen is the same, gap/(1 + ratio); one by one no
+    step along that valley helps."""
+    worth = point.worth(trials)
+    own = [k for k, c in enumerate(point.model.coordinates) if c.kind != "correction"]
+    doubts = np.array([c.doubt for c in point.model.coordinates])
+    for size in ALONG:
+        found = point.predict(trials)
+        if found is None:
+            return point
+        columns, units = _columns(point, trials, found[0]), _units(point)
+        table = (np.vstack([columns, np.diag(1.0 / doubts)]) * units)[:, own]
+        way = np.zeros(len(units))
+        way[own] = size * units[own] * np.linalg.svd(table, full_matrices=False)[2][-1]
+        point, worth = _walked(point, worth, way, trials)
+    return point
+
+
+def _units(point: Hypothesis) -> Array:
+    """By what a move is measured: the gap itself, a unit of logarithms and of the mass, else a scale."""
+    units = [1.0 if c.log else c.scale for c in point.model.coordinates]
+    for k in point.masses:
+        units[k] = 1.0
+    units[point.gap_at] = point.theta[point.gap_at]
+    return np.array(units)
+
+
+def _walked(
+    point: Hypothesis, worth: float, way: Array, trials: Sequence[Trial]
+) -> tuple[Hypothesis, float]:
+    """(the point, its worth) after steps of `way`, forth or back, as many as help."""
+    for sign in (1.0, -1.0):
+        for _ in range(TRIES):
+            tried = point.at(point.theta + sign * way)
+            value = tried.worth(trials)
+            if not value > worth:
+                break
+            point, worth = tried, value
+    return point, worth
