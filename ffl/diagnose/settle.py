@@ -23,7 +23,7 @@ from ffl.systems.plant import EffectSpec
 
 KEEP = 20.0  # score an effect must be worth beside all others
 RIVALS = 4  # names of the round that an effect won, the best of which are tried in its place again
-SUBSTITUTE = 3.0  # score by which a sibling must be better
+SUBSTITUTE = 3.0  # score by which a sibling of more numbers must be better
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
 
@@ -88,14 +88,20 @@ def settle(
         index = current.model.names.index(name)
         without = judge(quiet, held, current.model.without(index), 6, current.fit)
         current, without = levelled([current, without])
-        say(f"  without {name}: {without.score - current.score:+.1f}")
-        if without.score > current.score - KEEP and len(current.model.effects) > 1:
+        say(
+            f"  without {name}: {without.fitted - current.fitted:+.1f} fitted, "
+            f"{without.held_out - current.held_out:+.1f} held out"
+        )
+        worthy = current.score >= without.score + KEEP and earns(current, without, 0.0)
+        if not worthy and len(current.model.effects) > 1:
+            # Of a free run that goes its own way the held-out recordings may gain hundreds by chance.
             current = without
             continue
-        before = sorted(tried_before.get(name, ()), key=lambda pair: -pair[1].score)
-        if before and abs(before[0][1].fitted - current.fitted) > SUBSTITUTE:
+        before = list(tried_before.get(name, ()))
+        own = max((p for p in before if p[0] == name), key=lambda p: p[1].score, default=None)
+        if own is None or abs(own[1].fitted - current.fitted) > SUBSTITUTE:
             before = []  # the company has changed since
-        others = [(name, current), *before[1:]]
+        others = [(name, current), *(pair for pair in before if pair is not own)]
         only = PLIABLE if before else None
         goal = quiet.cost(current.model)
         trial = partial(_reached, quiet, held, current, without, index, goal)
@@ -124,7 +130,7 @@ def settle(
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
         if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
             best_name, current = simpler
-        elif best.score > current.score + (0.0 if _fewer(best, current) else SUBSTITUTE):
+        elif best.score > current.score + (SUBSTITUTE if _fewer(current, best) else 0.0):
             current = best
         else:
             best_name = name

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose import settle as settling
 from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.settle import challengers, levels_of, one_for_two
+from ffl.diagnose.settle import PLIABLE, challengers, levels_of, one_for_two, settle
 from ffl.diagnose.trials import prepare
 from ffl.machines import Simulator
 from ffl.systems import EffectSpec
@@ -72,3 +73,41 @@ def test_friction_that_creeps_comes_in_the_place_of_dry_friction_beside_a_model_
     found = {c.spec.name for c in challengers(scene, judged, 0, [], frozenset(), asked)}
     assert "stribeck_friction" in found
     assert ("logarithmic_friction" in found) == bool(source)
+
+
+RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 1e-9, "period": 4e-3, "phase": 0.0})
+
+
+@pytest.fixture(scope="module")
+def with_friction(stage, record):  # type: ignore[no-untyped-def]
+    """(fitted, held-out scene, model without effects) of a machine with dry friction."""
+    recordings = record(replace(stage, effects=(LEVEL,)))
+    base = Base.of(stage, max(float(np.ptp(r.y)) for r in recordings))
+    scenes = [Scene(stage.loop, (prepare(base.simulator, r, 1e-7),), NOISE) for r in recordings[:2]]
+    return *scenes, Model(base)
+
+
+def test_what_only_the_recordings_that_judge_gain_by_goes(with_friction, monkeypatch):  # type: ignore[no-untyped-def]
+    """Free runs that go their own way: without the ripple the held-out one leaves a tenth more."""
+    scene, held, model = with_friction
+    real = settling.judge
+
+    def chance(scene, held, model, *rest):  # type: ignore[no-untyped-def]
+        found = real(scene, held, model, *rest)
+        return found if RIPPLE.name in model.names else replace(
+            found, held_white=1.1 * found.held_white
+        )  # fmt: skip
+
+    monkeypatch.setattr(settling, "judge", chance)
+    both = real(scene, held, replace(model, effects=(LEVEL, RIPPLE)), 1)
+    left, _ = settle(scene, held, both, [], PLIABLE, lambda line: None, {})
+    assert left.model.names == (LEVEL.name,)
+
+
+def test_a_rival_that_did_as_well_before_is_still_named_beside_what_stands(with_friction):  # type: ignore[no-untyped-def]
+    scene, held, model = with_friction
+    own = judge(scene, held, replace(model, effects=(LEVEL,)), 4)
+    rival = replace(own, fitted=own.fitted + 1.0)  # of as many numbers, a little ahead by chance
+    tried = {LEVEL.name: [(LEVEL.name, own), ("asymmetric_friction", rival)]}
+    _, contenders = settle(scene, held, own, [], PLIABLE, lambda line: None, tried)
+    assert "asymmetric_friction" in {name for name, _ in next(iter(contenders.values()))}
