@@ -121,7 +121,8 @@ def compare(
             bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found
-    maps = free_form(scene, held, nominal if named else standing)
+    # A number held on the line, for no name to hide in it, hides a map just as well.
+    maps = free_form(scene, held, nominal if named else replace(standing, held=nominal.held))
     bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
     if alone is None:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ffl.diagnose import unnamed
 from ffl.diagnose.events import Events
 from ffl.diagnose.fit import fit
 from ffl.diagnose.unnamed import Contest, _after, _drawn, compare, needed_variables
@@ -49,6 +50,23 @@ def test_where_held_out_recordings_tell_nothing_the_fitted_ones_decide(stage, re
     assert found.verdict == "unnamed"
     assert found.variables == ("position",)
     assert found.alone.port == "output"
+
+
+def test_a_number_held_on_the_line_is_free_beside_a_map(stage, references, scenes, monkeypatch):  # type: ignore[no-untyped-def]
+    """Where friction passed for damping, that was held for nobody to be named by it: beside it a map of
+    that friction did not hold on the recordings that judge."""
+    scene, held, model = scenes([bent(stage, references[0], 1), bent(stage, references[1], 2)])
+    on_line = replace(model, corrections={"damping": 0.4}, held=frozenset({"damping"}))
+    begun = []
+    real = unnamed.free_form
+    monkeypatch.setattr(
+        unnamed, "free_form", lambda *a, **k: begun.append(real(*a, **k)) or begun[-1]
+    )
+    found = compare(scene, held, model, fit(scene, on_line, rounds=2), np.random.default_rng(0))
+    assert found.verdict == "unnamed"
+    first = begun[0][0].free.model
+    assert not first.held
+    assert abs(first.corrections["damping"]) < 0.1
 
 
 @pytest.mark.parametrize(
