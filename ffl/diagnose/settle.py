@@ -23,7 +23,7 @@ from ffl.systems.plant import EffectSpec
 
 KEEP = 20.0  # score an effect must be worth beside all others
 RIVALS = 4  # names of the round that an effect won, the best of which are tried in its place again
-SUBSTITUTE = 3.0  # score by which a sibling of more numbers must be better
+SUBSTITUTE = 3.0  # score by which a sibling must be better
 HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
 
@@ -130,7 +130,7 @@ def settle(
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
         if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
             best_name, current = simpler
-        elif best.score > current.score + (SUBSTITUTE if _fewer(current, best) else 0.0):
+        elif best.score > current.score + (0.0 if _fewer(best, current) else SUBSTITUTE):
             current = best
         else:
             best_name = name
