@@ -15,7 +15,7 @@ N_GRID = 33  # nodes of a friction table
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes of a machine's motion without effects: peaks, and the range of position."""
+    """Sizes of a machine's motion: peaks, the range of position and its standard deviation."""
 
     force: float  # N, peak of the actuator
     command: float  # input unit, peak
@@ -26,6 +26,7 @@ class Scales:
     acceleration: float
     low: float
     high: float
+    position_rms: float
     sample_time: float
     duration: float
     quantum: float  # s: the small step; delays are whole multiples of it

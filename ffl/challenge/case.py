@@ -26,6 +26,8 @@ CONCEALMENTS = ("none", "feedback", "noise", "masked", "outside", "weak")
 DETECTABLE = 300.0  # least energy beyond the nominal parameters of an effect to be found
 DETECTABLE_IN_NOISE = 100.0  # the same where noise and trace have equal power
 ATTEMPTS = 25
+LINE = 0.02  # of the mass, or of the RMS force: less is a correction of the model by the contract
+CLEARLY = 1.1  # times the line, from which a damping or a spring is an effect
 UNDETECTABLE = 3.0  # most whitened energy of an effect that is too weak
 
 
@@ -294,7 +296,7 @@ def _draw(names, machine, concealment, doubt, fault, rng):
     if fitted is None:
         return None
     parts, noise, found = fitted
-    if not _sound(setup, parts, scales, noise, rng):
+    if not _sound(setup, parts, scales, noise, rng) or not _beyond_the_line(setup, parts, scales):
         return None
     return setup, parts, scales, noise, found
 
@@ -311,10 +313,27 @@ def _sound(setup, parts, scales, noise, rng) -> bool:
     return True
 
 
+def _beyond_the_line(setup, parts, scales) -> bool:
+    """A damping and a spring are effects by the contract in the machine as it is: beside a strong
+    friction the same damper may be less than 2 % of the RMS force, a correction of the model."""
+    if not {"viscous_friction", "linear_stiffness"} & {p.name for p in parts}:
+        return True
+    build, parameters = assemble(setup, parts, scales)
+    there = measure(setup, build)
+    for part, own in zip(parts, parameters, strict=True):
+        pushes = {
+            "viscous_friction": own.get("coefficient", 0.0) * there.speed_rms,
+            "linear_stiffness": own.get("stiffness", 0.0) * there.position_rms,
+        }
+        if pushes.get(part.name, np.inf) < CLEARLY * LINE * there.force_rms:
+            return False
+    return True
+
+
 def _expected(truth: dict, setup: Setup) -> None:
     """Set the right verdicts, and count a wrong mass as the effect that the contract makes it."""
     wrong = setup.corrections.get("mass", 0.0)
-    if abs(wrong) > 0.02 and all(e["name"] != "mass_change" for e in truth["effects"]):
+    if abs(wrong) > LINE and all(e["name"] != "mass_change" for e in truth["effects"]):
         truth["effects"].append(
             {
                 "name": "mass_change",

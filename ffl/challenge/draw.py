@@ -195,10 +195,10 @@ def _within_the_line(setup: Setup) -> Setup:
     return replace(setup, nominal=FAMILIES[setup.family].assemble(nominal), corrections=corrections)
 
 
-def measure(setup: Setup) -> Scales:
-    """Sizes of the motion without effects and noise."""
+def measure(setup: Setup, build: Build | None = None) -> Scales:
+    """Sizes of the motion without noise, of the machine as built (None: without effects)."""
     u, x, v = [], [], []
-    build = Build.of(setup.true)
+    build = Build.of(setup.true) if build is None else build
     for e in setup.fit:
         run = build.run(setup.servo, e.reference, e.feedforward, setup.sample_time, 8)
         u.append(run[1][e.skip :])
@@ -216,6 +216,7 @@ def measure(setup: Setup) -> Scales:
         acceleration=float(np.abs(np.diff(speed)).max() / setup.sample_time),
         low=float(position.min()),
         high=float(position.max()),
+        position_rms=float(np.std(position)),
         sample_time=setup.sample_time,
         duration=float(np.mean([len(e.reference) for e in setup.fit]) * setup.sample_time),
         quantum=setup.sample_time / setup.steps,

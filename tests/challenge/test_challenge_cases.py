@@ -9,7 +9,7 @@ import scipy.linalg
 from ffl.challenge import make_case, null_recordings
 from ffl.challenge.body import FAMILIES
 from ffl.challenge.build import Build
-from ffl.challenge.case import DETECTABLE, UNDETECTABLE
+from ffl.challenge.case import DETECTABLE, UNDETECTABLE, _beyond_the_line
 from ffl.challenge.draw import draw_setup, measure
 from ffl.challenge.faults import FAULTS
 from ffl.challenge.outside import OUTSIDE
@@ -139,6 +139,16 @@ def test_what_is_an_effect_lies_beyond_the_line_for_corrections(effect):
     else:
         scales = measure(setup)
         assert p["coefficient"] * scales.speed_rms > 0.02 * scales.force_rms
+
+
+@pytest.mark.parametrize(("friction", "beyond"), [(0.01, True), (30.0, False)])
+def test_a_damper_beside_strong_friction_may_be_a_correction(friction, beyond):
+    setup = draw_setup("rigid", "exact", np.random.default_rng(3))
+    parts = [
+        Part("viscous_friction", "motor", 3, 0.01),
+        Part("coulomb_friction", "motor", 3, friction),
+    ]
+    assert _beyond_the_line(setup, parts, measure(setup)) is beyond
 
 
 @pytest.mark.parametrize("fault", FAULTS)
