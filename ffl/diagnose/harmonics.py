@@ -26,9 +26,9 @@ LEAST = 3.0  # score that a harmonic must bring, its numbers charged, with and w
 def with_harmonics(
     quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]
 ) -> Judged:
-    """`judged` with the harmonics of what repeats along the position in it that pay in the fitted recordings
-    and with the held-out ones, up to the fourth; one that does not ends the search. (Where free runs go
-    their own way the held-out ones alone gain by chance: 232 nats for 3 in those that were fitted.)"""
+    """`judged` with the harmonics of what repeats along the position in it that pay in the fitted
+    recordings and with the held-out ones, up to the fourth; one that does not ends the search. (Where
+    free runs go their own way the held-out ones gain by chance: 232 nats for 3 in those fitted.)"""
     current = judged
     for name in judged.model.names:
         if isinstance(EFFECTS[name], Repeating):
