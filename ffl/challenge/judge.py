@@ -43,6 +43,7 @@ class Verdict:
     right: bool
     first: bool | None  # the first name is the main effect
     exact: bool | None  # the set of names is the truth's
+    told: bool | None  # or differs only by what even the oracle cannot tell apart, and says so
     family: bool | None  # the same by families
     location: bool | None
     variables: bool | None  # outside the catalogue: depends_on names a right variable
@@ -116,6 +117,11 @@ def _nrmse_ratio(truth: dict, answer: dict) -> float | None:
     return said[key] / floor if floor > 0 else None
 
 
+def _inseparable(effect: dict) -> tuple[str, ...]:
+    """Rivals that even the oracle cannot tell from an effect of the truth."""
+    return tuple(n for n, energy in effect.get("rivals", {}).items() if energy < SEPARABLE)
+
+
 def judge(truth: dict, record: dict | None) -> Verdict:
     """Compare one answer (None: there is none) with its truth."""
     answer = (record or {}).get("answer", {"verdict": "failed", "message": "no answer"})
@@ -127,12 +133,12 @@ def judge(truth: dict, record: dict | None) -> Verdict:
     verdict = answer.get("verdict", "failed")
     alarm = bool(named) or verdict in ALARMS
     main = true[0] if true else None
-    rivals = truth["effects"][0].get("rivals", {}) if true else {}
-    inseparable = tuple(n for n, energy in rivals.items() if energy < SEPARABLE)
+    close = {e["name"]: _inseparable(e) for e in truth["effects"]}
+    inseparable = close[main] if main else ()
     stated = tuple(
         (float(e["confidence"]), e["name"] in true) for e in effects if "confidence" in e
     )
-    first = exact = family = location = variables = None
+    first = exact = told = family = location = variables = None
     said = answer.get("location", {})
     where = {e["location"] for e in truth["effects"]}
     if kind in ("single", "several"):
@@ -142,9 +148,12 @@ def judge(truth: dict, record: dict | None) -> Verdict:
         component = said.get("component") or (effects[0].get("location") if effects else None)
         location = component in where
         right = exact
+        sure = any(c >= 0.9 and not good for c, good in stated)
         if kind == "single" and inseparable:
-            sure = any(c >= 0.9 and not good for c, good in stated)
             right = exact or (main in (*named, *others) and not sure)
+        given = all(n in named or (close[n] and n in others) for n in true)
+        likely = set(true).union(*close.values())
+        told = exact or (given and not sure and set(named) <= likely)
     elif kind == "outside":
         variables = bool(set(said.get("depends_on", [])) & set(truth["depends_on"]))
         location = said.get("component") in where
@@ -172,6 +181,7 @@ def judge(truth: dict, record: dict | None) -> Verdict:
         right=right,
         first=first,
         exact=exact,
+        told=told,
         family=family,
         location=location,
         variables=variables,

@@ -42,7 +42,7 @@ def _one(job: tuple[Plan, str, Path, Path]) -> str:
                 name=name,
                 doubt=plan.doubt,
                 fault=plan.fault,
-                oracle=plan.kind == "single",
+                oracle=plan.kind in ("single", "several", "outside"),
             )
         except (WorkError, InputError) as error:
             failure = error

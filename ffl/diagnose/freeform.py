@@ -92,6 +92,11 @@ class FreeForm:
         return float(self.white @ self.white)
 
     @property
+    def held_cost(self) -> float:
+        """Mean square of the held-out residual where it can be judged; 0 where there is none."""
+        return float(np.mean(self.held_white[self.known] ** 2)) if self.known.any() else 0.0
+
+    @property
     def port(self) -> str:
         return self.parts[0].place.port if self.parts else ""
 
@@ -253,12 +258,20 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:
         return None
-    least = min(f.cost for f in done if _score(f, current) >= SIMPLER * top)
-    near = [f for f in done if _score(f, current) >= SIMPLER * top and f.cost <= NO_WORSE * least]
+    near = _no_worse([f for f in done if _score(f, current) >= SIMPLER * top])
     best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)))
     listed = tuple(Ranked(e.part.term.name, words(e.part.place), e.evidence.gain) for e in found[0])
     untold = _untold(current, best)
     return replace(_quieter(best), ranking=current.ranking or listed, untold=untold)
+
+
+def _no_worse(near: Sequence[FreeForm]) -> list[FreeForm]:
+    """Those that leave hardly more than the best of them, in the fitted and in the held-out recordings."""
+    left = [(f.cost, f.held_cost) for f in near]
+    fitted, held = (NO_WORSE * min(costs) for costs in zip(*left, strict=True))
+    return [
+        f for f, (one, other) in zip(near, left, strict=True) if one <= fitted and other <= held
+    ]
 
 
 def words(place: Place) -> str:

@@ -84,6 +84,9 @@ def test_concealments_are_what_they_say(tmp_path):
 def test_an_oracle_cannot_tell_lag_from_delay_in_noise_but_friction_from_viscous(tmp_path):
     lag = make_case(102, "actuator_lag", "rigid", "noise", out_dir=tmp_path, oracle=True)
     assert lag["effects"][0]["rivals"]["input_delay"] < 25
+    bus = make_case(102, "lost_commands", "rigid", "outside", out_dir=tmp_path, oracle=True)
+    rivals = bus["effects"][0]["rivals"]  # no delay makes what comes at random
+    assert 25 < rivals["input_delay"] < bus["effects"][0]["energy_beyond_nominal"]
     dry = make_case(102, "coulomb_friction", "rigid", out_dir=tmp_path, oracle=True)
     assert dry["effects"][0]["rivals"]["viscous_friction"] > 1e3
 

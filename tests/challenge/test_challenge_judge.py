@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ffl.challenge.judge import _about, _parameters
+from ffl.challenge.judge import _about, _parameters, judge
 
 TRUE = {"linear_coefficient": -0.8, "quadratic_coefficient": 12.0, "centre": 0.05}
 
@@ -40,3 +40,41 @@ def test_its_errors_are_those_of_the_law_and_not_of_where_it_is_counted_from():
         truth, {"effects": [{"name": "position_dependent_gain", "parameters": told}]}
     )
     assert np.max([error for _, _, error, _ in found]) > 0.1
+
+
+TWO = [
+    {"name": "constant_load", "location": "environment", "parameters": {},
+     "rivals": {"drift": 900.0}},
+    {"name": "input_delay", "location": "actuator", "parameters": {},
+     "rivals": {"actuator_lag": 0.4, "viscous_friction": 800.0}},
+]  # fmt: skip
+
+
+def said(**names):  # type: ignore[no-untyped-def]
+    """An answer with these names, each with its confidence and its alternatives."""
+    effects = [
+        {"name": n, "location": "plant", "confidence": sure, "parameters": {},
+         "alternatives": [{"name": other, "probability": 0.4} for other in others]}
+        for n, (sure, others) in names.items()
+    ]  # fmt: skip
+    return {"answer": {"verdict": "explained", "effects": effects, "location": {}}}
+
+
+@pytest.mark.parametrize(
+    ("names", "exact", "told"),
+    [
+        ({"constant_load": (0.94, ()), "input_delay": (0.5, ())}, True, True),
+        ({"constant_load": (0.94, ()), "actuator_lag": (0.5, ("input_delay",))}, False, True),
+        ({"constant_load": (0.94, ()), "actuator_lag": (0.94, ("input_delay",))}, False, False),
+        ({"constant_load": (0.94, ()), "actuator_lag": (0.5, ())}, False, False),
+        ({"drift": (0.5, ("constant_load",)), "input_delay": (0.5, ())}, False, False),
+        ({"constant_load": (0.94, ())}, False, False),
+    ],
+)
+def test_of_several_what_nobody_can_tell_apart_is_told_by_both_names(names, exact, told):
+    truth = {
+        "case": "c", "kind": "several", "machine": "rigid", "concealment": "none", "effects": TWO,
+        "oracle": {},
+    }  # fmt: skip
+    found = judge(truth, said(**names))
+    assert (found.exact, found.told, found.right) == (exact, told, exact)

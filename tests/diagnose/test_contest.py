@@ -12,6 +12,7 @@ import pytest
 from ffl.diagnose import unnamed
 from ffl.diagnose.events import Events
 from ffl.diagnose.fit import fit
+from ffl.diagnose.freeform import _no_worse
 from ffl.diagnose.unnamed import Contest, _after, _drawn, compare, needed_variables
 from ffl.diagnose.verdict import _nameless
 from ffl.machines.simulator import Simulator
@@ -107,6 +108,17 @@ def test_what_maps_leave_must_come_in_bursts_plain_to_see(stage, references, sce
 
     assert not after(0.0).found
     assert after(1.0).found
+
+
+def test_a_plainer_map_that_leaves_more_on_the_recordings_that_judge_is_not_as_good():
+    """A limit that falls with speed for one that does not: 1.48 and 1.73 fitted, 1.66 and 2.75 held out."""
+    falling, fixed, far = (
+        SimpleNamespace(cost=fitted, held_cost=held)
+        for fitted, held in ((1.48, 1.66), (1.73, 2.75), (2.1, 1.7))
+    )
+    assert _no_worse([falling, fixed, far]) == [falling]
+    as_good = SimpleNamespace(cost=1.7, held_cost=1.9)
+    assert _no_worse([falling, as_good]) == [falling, as_good]
 
 
 def test_heat_is_of_the_command_however_its_blocks_are_moved_about():
