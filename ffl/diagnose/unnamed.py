@@ -126,9 +126,7 @@ def compare(
     bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
     if alone is None:
-        # What names leave passes for noise in their own scene: near is who leaves the least noise there is.
-        quiet = replace(calm, noise=least_noise(calm, standing, left))
-        drawn = measured(calm, calm_held, fit(quiet, standing, rounds=0))
+        drawn = _led(calm, calm_held, nominal, standing, left)
         if drawn is not None:
             gained = drawn.evidence
             return Contest("unnamed", drawn, None, gained, 0.0, None, drawn.variables, led=True)
@@ -170,6 +168,19 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _led(
+    calm: Scene, held: Scene | None, nominal: Model, standing: Model, left: list[Array]
+) -> FreeForm | None:
+    """`measured` beside what stands; what names leave passes for noise in their own scene: near is who
+    leaves the least noise there is. Numbers of a linear model that is far off are bent to stand for what
+    is missing: then it is asked beside the nominal one."""
+    quiet = replace(calm, noise=least_noise(calm, standing, left))
+    found = fit(quiet, standing, rounds=0)
+    if found.far and not standing.effects:
+        found = fit(quiet, nominal, rounds=0)
+    return measured(calm, held, found)
 
 
 def _lost(lost: Dropouts, fitted: float, held_out: float) -> bool:

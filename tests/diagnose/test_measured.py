@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec
 
 STEP, MASS, FREQUENCY, DAMPING, N = 2.5e-4, 2.0, 30.0, 0.03, 6000
 SUBSTEPS = 10
@@ -114,3 +117,17 @@ def test_noise_alone_draws_no_map(spring):  # type: ignore[no-untyped-def]
 def test_where_free_runs_come_near_nothing_is_to_be_seen(spring):  # type: ignore[no-untyped-def]
     scene, held, model = scenes(spring, [run(1, lambda v: 0.0), run(2, lambda v: 0.0)])
     assert measured(scene, held, fit(scene, model)) is None
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_numbers_that_stand_for_what_is_missing_are_not_asked(spring, monkeypatch, named):  # type: ignore[no-untyped-def]
+    """A linear model that is far off bends until its runs look like the machine's: beside the nominal one
+    the motion tells more."""
+    scene, held, model = scenes(spring, [run(1, brake), run(2, brake)])
+    bent = replace(model, corrections={"damping": 1.0})
+    if named:
+        bent = bent.with_effect(EffectSpec("coulomb_friction", {"level": 0.1}))
+    asked = []
+    monkeypatch.setattr(unnamed, "measured", lambda scene, held, found: asked.append(found.model))
+    unnamed._led(scene, held, model, bent, scene.residuals(bent))
+    assert asked == [bent if named else model]
