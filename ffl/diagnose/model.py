@@ -26,6 +26,7 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
 }
 REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
 DAMPED = 0.05  # of critical: a change of a contact's damping that matters
+WALL = 5.0  # times the median of a table: what is believed of its levels
 PLACE = 0.1  # of the travel: a change of place that matters
 LOBE = 0.5  # of a period over the travel: how far a start may be from the period it stands for
 # Below one half Bouc and Wen's force gives back more than it took on a closed path (at 0 it forgets the
@@ -222,10 +223,14 @@ class Model:
                 if isinstance(value, str) or value is None or name in HELD.get(spec.name, ()):
                     continue
                 if isinstance(value, Mapping):
+                    # A knot at the end of what the machine travelled is hardly seen: free to go anywhere
+                    # it did, to a wall of 200,000 times the friction elsewhere.
+                    levels = np.abs([*value["positive"], *value["negative"]])
+                    doubt = WALL * float(np.median(levels)) or np.inf
                     for key in ("positive", "negative"):
                         size = float(np.mean(np.abs(value[key]))) or 1.0
                         for j in range(len(value[key])):
-                            yield Coordinate(kind, name, i, (key, j), size, 0.0)
+                            yield Coordinate(kind, name, i, (key, j), size, 0.0, doubt=doubt)
                     continue
                 yield self._number(kind, i, spec, parameter, float(value))
             if kind == "effect":
