@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.fit import surprise
+from ffl.diagnose.model import Base, Model
 from ffl.effects import EFFECTS
 from ffl.recordings import read_recording
 from ffl.systems import load_plant
+from ffl.systems.plant import EffectSpec
 
 FOLDER = Path(os.environ.get("FFL_DATA", Path("..") / "shared" / "data")) / "emps"
 UM = 1e6
@@ -28,6 +31,20 @@ def test_numbers_of_the_contact_are_free_only_where_they_are_stated():
     effect = EFFECTS["position_dependent_friction"]
     found = effect.from_coefficients(np.ones(4), {"knots": 2.0, "low": 0.0, "high": 1.0})
     assert found == {"table": table, "level": 1.0}
+
+
+def test_a_wall_at_the_end_of_the_travel_must_be_worth_it(stage):  # type: ignore[no-untyped-def]
+    """A knot that hardly a sample sees: 200,000 times the friction elsewhere stood for a stop."""
+    model = Model(Base.of(stage, 0.05))
+
+    def paid(end):  # type: ignore[no-untyped-def]
+        table = {"grid": [0.0, 1.0, 2.0], "positive": [3.0, 4.0, end], "negative": [2.0, 3.0, 3.0]}
+        return surprise(
+            model.with_effect(EffectSpec("position_dependent_friction", {"table": table}))
+        )
+
+    assert paid(6.0) < 0.5
+    assert paid(6e5) > paid(6.0) + 25.0
 
 
 @pytest.mark.slow
