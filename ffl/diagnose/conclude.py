@@ -171,7 +171,7 @@ def _finding(
 ) -> Finding:
     spec = standing.model.effects[index]
     effect = EFFECTS[spec.name]
-    spreads = dict(zip(standing.model.coordinates, standing.fit.spread, strict=True))
+    spreads = dict(zip(standing.model.coordinates, standing.spread, strict=True))
     numbers = {}
     for name, value in spec.parameters.items():
         parameter = effect.parameter(name)

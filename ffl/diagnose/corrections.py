@@ -25,7 +25,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
     process = standing.model.base.is_process
     if process:
         out += _gain_at_rest(standing)
-    for c, spread in zip(standing.model.coordinates, standing.fit.spread, strict=True):
+    for c, spread in zip(standing.model.coordinates, standing.spread, strict=True):
         if c.kind == "given" and c.place is None:
             out += _of_stated(standing.model, c.effect, c.name, spread, c.log)
         if c.kind == "effect" and slight(spec := standing.model.effects[c.effect], plant):

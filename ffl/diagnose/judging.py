@@ -15,6 +15,7 @@ from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Paths
 from ffl.diagnose.scene import Scene
+from ffl.diagnose.spread import spread
 from ffl.diagnose.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
@@ -56,6 +57,11 @@ class Judged:
     @property
     def freedom(self) -> int:
         return self.fit.freedom
+
+    @cached_property
+    def spread(self) -> Array:
+        """Standard deviations of theta, as far as what is left is not white."""
+        return spread(self.fit, [len(trial) for trial in self.scene.trials])
 
     @cached_property
     def independent(self) -> float:

@@ -28,7 +28,7 @@ def standing(pole, values, effects=()):  # type: ignore[no-untyped-def]
     model = SimpleNamespace(
         base=base, coordinates=coordinates, corrections=values, effects=tuple(effects)
     )
-    return SimpleNamespace(model=model, fit=SimpleNamespace(spread=spread))
+    return SimpleNamespace(model=model, spread=spread)
 
 
 def test_damping_is_relative_where_the_plant_has_some():
