@@ -9,7 +9,7 @@ import scipy.linalg
 from ffl.challenge import make_case, null_recordings
 from ffl.challenge.body import FAMILIES
 from ffl.challenge.build import Build
-from ffl.challenge.case import DETECTABLE, UNDETECTABLE, _beyond_the_line
+from ffl.challenge.case import DETECTABLE, UNDETECTABLE, Trace, _beyond_the_line, _truth_effect
 from ffl.challenge.draw import draw_setup, measure
 from ffl.challenge.faults import FAULTS
 from ffl.challenge.outside import OUTSIDE
@@ -152,6 +152,19 @@ def test_a_damper_beside_strong_friction_may_be_a_correction(friction, beyond):
         Part("coulomb_friction", "motor", 3, friction),
     ]
     assert _beyond_the_line(setup, parts, measure(setup)) is beyond
+
+
+@pytest.mark.parametrize("machine", ["rigid", "stiffness"])
+def test_a_damper_is_counted_beside_what_the_model_has(machine):
+    """The machine's own damping and the damper are the model's damping and the coefficient."""
+    setup = draw_setup(machine, "careful", np.random.default_rng(4))
+    found = _truth_effect(Part("viscous_friction", "motor", 1, 1.0), {"coefficient": 2.0}, setup,
+                          Trace(0.0, 0.0, 0.0, 0.0))  # fmt: skip
+    per_unit = 1.0 if setup.physics_known else setup.true.constant
+    model = setup.nominal.damping[0, 0]
+    assert model != pytest.approx(setup.true.damping[0, 0], rel=1e-4)
+    total = model + per_unit * found["parameters"]["coefficient"]
+    assert total == pytest.approx(setup.true.damping[0, 0] + 2.0)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
