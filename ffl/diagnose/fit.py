@@ -78,21 +78,28 @@ class Fit:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @cached_property
-    def covariance(self) -> Array:
-        """(J'J)^-1 by SVD with directions below 1e-9 of the largest left infinite, those in which a run
-        overflows among them."""
-        j = self.jacobian
+    def root(self) -> tuple[Array, Array] | None:
+        """(half (p, p), scale (p,)) with (J'J)^-1 = half half'/(scale scale'), by SVD, directions below 1e-9
+        of the largest left at that, those in which a run overflows among them; None where the data see
+        nothing of any number."""
+        j = np.where(np.isfinite(self.jacobian).all(axis=0), self.jacobian, 0.0)
         if j.shape[1] == 0:
-            return np.zeros((0, 0))
-        j = np.where(np.isfinite(j).all(axis=0), j, 0.0)
+            return None
         scale = np.maximum(lengths(j), 1e-150)  # its square must not vanish
         r, _ = triangle(j / scale, self.white)
         _, s, vt = np.linalg.svd(r)
-        if not s[0] > 0.0:  # the data see nothing of any number
-            return np.full((len(s), len(s)), np.inf)
-        s = np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)
-        half = vt.T / s
-        inflate = max(1.0, self.cost / max(len(self.white) - j.shape[1], 1))
+        if not s[0] > 0.0:
+            return None
+        return vt.T / np.where(s < 1e-9 * s[0], 1e-9 * s[0], s), scale
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(J'J)^-1 times the mean square of what is left, where that is above noise."""
+        p = self.jacobian.shape[1]
+        if self.root is None:
+            return np.full((p, p), np.inf)
+        half, scale = self.root
+        inflate = max(1.0, self.cost / max(len(self.white) - p, 1))
         with np.errstate(over="ignore"):  # what the data do not see has no finite spread
             return inflate * (half @ half.T) / np.outer(scale, scale)
 

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ffl.diagnose.fit import Fit
-from ffl.diagnose.triangle import lengths, triangle
 from ffl.systems.state_space import Array
 
 BLOCKS = 20  # of all recordings together
@@ -28,16 +27,10 @@ def spread(fit: Fit, samples: Sequence[int]) -> Array:
     """Standard deviations of theta, (p,), infinite where the data see nothing; `samples` of each recording
     that was fitted, which sum to the rows of the Jacobian."""
     white, plain = fit.white, fit.spread
-    j = fit.jacobian
-    if not j.shape[1] or sum(samples) != len(white):
+    if fit.root is None or sum(samples) != len(white):
         return plain
-    j = np.where(np.isfinite(j).all(axis=0), j, 0.0)
-    scale = np.maximum(lengths(j), 1e-150)
-    r, _ = triangle(j / scale, white)
-    _, s, vt = np.linalg.svd(r)
-    if not s[0] > 0.0:
-        return plain
-    half = vt.T / np.where(s < 1e-9 * s[0], 1e-9 * s[0], s)  # half half' = H
+    half, scale = fit.root
+    j = np.where(np.isfinite(fit.jacobian).all(axis=0), fit.jacobian, 0.0)
     rows, at = [], 0
     for n in samples:
         count = max(FEWEST, round(BLOCKS * n / len(white)))
