@@ -79,8 +79,8 @@ class Fit:
 
     @cached_property
     def root(self) -> tuple[Array, Array] | None:
-        """(half (p, p), scale (p,)) with (J'J)^-1 = half half'/(scale scale'), by SVD, directions below 1e-9
-        of the largest left at that, those in which a run overflows among them; None where the data see
+        """(half (p, p), scale (p,)) with (J'J)^-1 = half half'/(scale scale'), by SVD; directions below
+        1e-9 of the largest at that, those in which a run overflows among them. None where the data see
         nothing of any number."""
         j = np.where(np.isfinite(self.jacobian).all(axis=0), self.jacobian, 0.0)
         if j.shape[1] == 0:
