@@ -258,19 +258,26 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     top = max((_score(f, current) for f in done), default=0.0)
     if top <= 0:
         return None
-    near = _no_worse([f for f in done if _score(f, current) >= SIMPLER * top])
-    best = min(near, key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)))
+    best = min(
+        _no_worse(done, current),
+        key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)),
+    )
     listed = tuple(Ranked(e.part.term.name, words(e.part.place), e.evidence.gain) for e in found[0])
     untold = _untold(current, best)
     return replace(_quieter(best), ranking=current.ranking or listed, untold=untold)
 
 
-def _no_worse(near: Sequence[FreeForm]) -> list[FreeForm]:
-    """Those that leave hardly more than the best of them, in the fitted and in the held-out recordings."""
-    left = [(f.cost, f.held_cost) for f in near]
-    fitted, held = (NO_WORSE * min(costs) for costs in zip(*left, strict=True))
+def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:
+    """The map of the best score, and those near it that leave hardly more than it does, in the fitted and in
+    the held-out recordings."""
+    best = max(done, key=lambda f: _score(f, current))
+    least = SIMPLER * _score(best, current)
     return [
-        f for f, (one, other) in zip(near, left, strict=True) if one <= fitted and other <= held
+        f
+        for f in done
+        if _score(f, current) >= least
+        and f.cost <= NO_WORSE * best.cost
+        and f.held_cost <= NO_WORSE * best.held_cost
     ]
 
 

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ffl.diagnose import unnamed
+from ffl.diagnose import freeform, unnamed
 from ffl.diagnose.events import Events
 from ffl.diagnose.fit import fit
-from ffl.diagnose.freeform import _no_worse
 from ffl.diagnose.unnamed import Contest, _after, _drawn, compare, needed_variables
 from ffl.diagnose.verdict import _nameless
 from ffl.machines.simulator import Simulator
@@ -110,15 +109,20 @@ def test_what_maps_leave_must_come_in_bursts_plain_to_see(stage, references, sce
     assert after(1.0).found
 
 
-def test_a_plainer_map_that_leaves_more_on_the_recordings_that_judge_is_not_as_good():
+def test_a_plainer_map_that_leaves_more_on_the_recordings_that_judge_is_not_as_good(monkeypatch):  # type: ignore[no-untyped-def]
     """A limit that falls with speed for one that does not: 1.48 and 1.73 fitted, 1.66 and 2.75 held out."""
-    falling, fixed, far = (
-        SimpleNamespace(cost=fitted, held_cost=held)
-        for fitted, held in ((1.48, 1.66), (1.73, 2.75), (2.1, 1.7))
-    )
-    assert _no_worse([falling, fixed, far]) == [falling]
-    as_good = SimpleNamespace(cost=1.7, held_cost=1.9)
-    assert _no_worse([falling, as_good]) == [falling, as_good]
+    monkeypatch.setattr(freeform, "_score", lambda f, current: f.score)
+
+    def left(score, fitted, held):  # type: ignore[no-untyped-def]
+        return SimpleNamespace(score=score, cost=fitted, held_cost=held)
+
+    best, plainer, far = left(1000.0, 1.48, 1.66), left(990.0, 1.73, 2.75), left(985.0, 2.1, 1.7)
+    assert freeform._no_worse([best, plainer, far], None) == [best]
+    as_good, poor = left(980.0, 1.7, 1.9), left(900.0, 1.4, 1.6)
+    assert freeform._no_worse([poor, best, as_good], None) == [best, as_good]
+    # One leaves least where it was fitted, the other where others judge: the better score stays.
+    assert freeform._no_worse([best, left(995.0, 1.0, 9.0)], None) == [best]
+    assert freeform._no_worse([left(995.0, 9.0, 1.0), best], None) == [best]
 
 
 def test_heat_is_of_the_command_however_its_blocks_are_moved_about():
