@@ -268,8 +268,8 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
 
 
 def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:
-    """The map of the best score, and those near it that leave hardly more than it does, in the fitted and in
-    the held-out recordings."""
+    """The map of the best score, and those near it that leave hardly more than it does, in the fitted and
+    in the held-out recordings."""
     best = max(done, key=lambda f: _score(f, current))
     least = SIMPLER * _score(best, current)
     return [
