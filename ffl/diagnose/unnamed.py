@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
+from ffl.diagnose.depends import needed_variables
 from ffl.diagnose.doubt import judged_by
 from ffl.diagnose.dropouts import Dropouts, dropouts
 from ffl.diagnose.events import PLAINLY, Events, events
@@ -16,13 +17,9 @@ from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import (
     SENT,
-    FreeModel,
     FreeScreen,
     Part,
     as_sent,
-    evidence,
-    held_motion,
-    tables_of,
 )
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD, promise
@@ -30,8 +27,7 @@ from ffl.diagnose.measured import measured
 from ffl.diagnose.model import Model
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.unrest import without_unrest
-from ffl.diagnose.warmth import feels_heat
-from ffl.effects import EFFECTS, Motion
+from ffl.effects import EFFECTS
 from ffl.effects.periods import Repeating, harmonics
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -46,8 +42,6 @@ EARNED = 0.05  # share of the mismatch that names must take off beside maps
 MANY = 20  # draws of noise that bursts are held against before they are called events
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
 TWICE = 2.0  # periods that the travel must hold before harmonics are those of what repeats
-SHUFFLES = 3
-BLOCKS = 20  # pieces of a recording that a variable's shuffling moves about
 SHARED_OUT = 0.03  # of the events before that may remain beside an effect that explains them
 NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
 
@@ -344,64 +338,6 @@ def _described(contest: Contest, rng: Generator) -> Contest:
         needed=tuple(needed.items()),
         formulas=tuple(formulas),
     )
-
-
-def needed_variables(
-    screen: FreeScreen, free: FreeModel, white: Array, part: Part, rng: Generator
-) -> dict[str, float]:
-    """Share of the map's evidence that is lost when one variable's blocks are moved about in time. Of heat
-    nothing is said: wherever the command's blocks go, they warm nearly alike."""
-    if feels_heat(part.term):
-        return {}
-    motions = [free.simulate(trial, [part.place]) for trial in screen.scene.trials]
-    if any(m is None for m in motions):
-        return {}
-    along = [m[1] for m in motions if m is not None]
-    entry = [(part.term, part.place)]
-    table = tables_of(screen, entry, [part.ranges], along)[0]
-    own = screen.from_nominal(free.model)
-    target = screen.beyond(white + own + table @ part.coefficients)
-    whole = evidence(part.term, part.ranges, screen.beyond(table), target).gain
-    if whole <= 0:
-        return {}
-    out = {}
-    for name in part.term.variables:
-        if name not in SHUFFLED:
-            continue
-        lost = []
-        for _ in range(SHUFFLES):
-            columns = [
-                part.term.columns(
-                    SHUFFLED[name](held_motion(m[part.place], part.place), rng), part.ranges
-                )
-                for m in along
-            ]
-            other = screen.beyond(screen.through(part.place, columns))
-            lost.append(1.0 - evidence(part.term, part.ranges, other, target).gain / whole)
-        out[name] = float(np.clip(np.min(lost), 0.0, 1.0))
-    return out
-
-
-def _blocks(x: Array, rng: Generator) -> Array:
-    pieces = np.array_split(np.arange(len(x)), BLOCKS)
-    return x[np.concatenate([pieces[k] for k in rng.permutation(len(pieces))])]
-
-
-def _shuffled_direction(m: Motion, rng: Generator) -> Motion:
-    return replace(m, v=np.abs(m.v) * np.sign(_blocks(m.v, rng)))
-
-
-def _shuffled_velocity(m: Motion, rng: Generator) -> Motion:
-    return replace(m, v=_blocks(m.v, rng))
-
-
-SHUFFLED = {
-    "position": lambda m, rng: replace(m, x=_blocks(m.x, rng)),
-    "velocity": _shuffled_velocity,
-    "direction": _shuffled_direction,
-    "acceleration": lambda m, rng: replace(m, a=_blocks(m.a, rng)),
-    "command": lambda m, rng: replace(m, u=_blocks(m.u, rng)),
-}
 
 
 def component_of(parts: Sequence[Part]) -> str:

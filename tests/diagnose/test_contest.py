@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import freeform, unnamed
+from ffl.diagnose.depends import needed_variables
 from ffl.diagnose.events import Events
 from ffl.diagnose.fit import fit
-from ffl.diagnose.unnamed import Contest, _after, _drawn, compare, needed_variables
+from ffl.diagnose.unnamed import Contest, _after, _drawn, compare
 from ffl.diagnose.verdict import _nameless
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
