@@ -69,6 +69,11 @@ class Build:
         )
         return build
 
+    @property
+    def random(self) -> bool:
+        """Something in it comes at random, and only where a run draws noise, be it none at all."""
+        return bool(self.knocks or self.loss)
+
     def port(self, at: str) -> int:
         """Row of `ports` of the named point."""
         return {"motor": 0, "load": 1}[at]

@@ -59,10 +59,9 @@ def _differences(setup, parts, k, scales, seed) -> tuple[list[np.ndarray], float
     rest = parts[:k] + parts[k + 1 :]
     with_all, _ = assemble(setup, [parts[k], *rest], scales)
     without, _ = assemble(setup, rest, scales)
-    random = bool(with_all.knocks or with_all.loss)
     out, peak = [], 0.0
     for j, e in enumerate(setup.fit):
-        quiet = Noise() if random else None
+        quiet = Noise() if with_all.random else None
         y1, _ = whole_run(with_all, setup, e, quiet, np.random.default_rng([seed, j]))
         y0, _ = whole_run(without, setup, e, None)
         out.append(y1 - y0)
@@ -228,7 +227,6 @@ def make_case(
     if oracle:
         for entry, part in zip(effects, parts, strict=True):
             entry["rivals"] = rivals(setup, part, parts, scales, noise)
-    random = bool(build.knocks or build.loss)
     for label, plan in (("fit", setup.fit), ("validate", setup.validate)):
         for k, e in enumerate(plan):
             file = f"{label}_{k + 1}.csv"
@@ -236,7 +234,7 @@ def make_case(
                 build, setup, e, noise, np.random.default_rng([seed, key, 77, k, len(label)])
             )
             recordings[file] = (e, y, u)
-            if label == "validate" and not random:
+            if label == "validate" and not build.random:
                 y0, u0 = run(build, setup, e, None)
                 floors[file] = {
                     "nrmse_after": float(np.std(y - y0) / np.std(y)),

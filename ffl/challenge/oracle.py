@@ -78,7 +78,7 @@ def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) ->
     base = [whole_run(without, setup, e, None)[0] for e in setup.fit]
 
     def traces(build: Build) -> np.ndarray | None:
-        quiet = Noise() if build.knocks or build.loss else None  # which come at random
+        quiet = Noise() if build.random else None
         moved = [
             whole_run(build, setup, e, quiet, np.random.default_rng([part.seed, j]))[0]
             for j, e in enumerate(setup.fit)

@@ -255,8 +255,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         if k < FINISHED or any(f.parts[-1].same(part) for part in first)
     ]
     done = [f for f in each(finished, matter) if _earns(f, current)]
-    top = max((_score(f, current) for f in done), default=0.0)
-    if top <= 0:
+    if not any(_score(f, current) > 0 for f in done):
         return None
     best = min(
         _no_worse(done, current),
