@@ -365,8 +365,10 @@ def plain_lags(
 def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
     """Those of `rivals` that bring much more than noise alone does to their numbers in the machine as
     `base` names it: with play, stick or a dead zone it answers noise with slow motions of its own, in
-    which a spring or a load finds hundreds of nats. What leaves less than `HALF` of the held-out sum
-    of squares, where chance knows nothing of it, needs no such proof."""
+    which a spring or a load finds hundreds of nats. A draw that is louder than all that the rival leaves
+    counts for as much less: no noise of this recording was (a saturated loop that goes unstable parts
+    from itself by a thousand times that, or by hardly anything). What leaves less than `HALF` of the
+    held-out sum of squares, where chance knows nothing of it, needs no such proof."""
     scene, model = base.scene, base.model
     alike = imitated(model.plant(), scene.trials, scene.noise, np.random.default_rng(0))
     out = []
@@ -375,9 +377,12 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
         own = np.array([(c.kind, c.effect) == last for c in rival.model.coordinates])
         j = rival.fit.jacobian
         whole, without = orthonormal(j), orthonormal(j[:, ~own])
+        drawn = [rival.scene.whiten(one.y) for one in alike]
+        left = float(np.sum(rival.fit.white**2))
+        shares = [min(1.0, left / max(float(np.sum(e**2)), 1e-300)) for e in drawn]
         brought = [
-            0.5 * float(np.sum((whole.T @ e) ** 2) - np.sum((without.T @ e) ** 2))
-            for e in (rival.scene.whiten(one.y) for one in alike)
+            0.5 * share * float(np.sum((whole.T @ e) ** 2) - np.sum((without.T @ e) ** 2))
+            for e, share in zip(drawn, shares, strict=True)
         ]
         usual = float(np.mean(brought)) if brought else 0.0
         halved = mean_square(rival) < HALF * mean_square(base)

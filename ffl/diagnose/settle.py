@@ -200,14 +200,9 @@ def _reached(
 ) -> tuple[str, Judged, list[str]]:
     """What a challenger reaches in the place of effect `index` that `current` has and `without` has
     not: its name, its fit and what there is to say of it; `goal`: the sum of squares that `current`
-    leaves. The same effect elsewhere may also begin with the numbers that it has here, its harmonics
-    among them."""
+    leaves."""
     lines: list[str] = []
-    spec = current.model.effects[index]
-    others = []
-    if c.spec.name == spec.name:
-        kept = {k: v for k, v in spec.options.items() if k not in POINT}
-        others = [replace(spec, options={**kept, **c.place.options})]
+    others = as_it_stands(current.model.effects[index], c)
     start = with_best_start(quiet, c.like, c.spec, others)
     begun = fit(quiet, start, rounds=4, known=c.like.known(("correction", "given")), goal=goal)
     other = judge(quiet, held, begun.model, 4, begun)
@@ -218,6 +213,23 @@ def _reached(
         if coarse.score > (plain.score if c.spec.name in PLIABLE else least):
             other = refined(quiet, held, other, lines.append)
     return c.spec.name, other, lines
+
+
+def as_it_stands(spec: EffectSpec, c: Candidate) -> list[EffectSpec]:
+    """Starts of a challenger that take over what stands: the same effect elsewhere its numbers, harmonics
+    among them; a form of dry friction its level at speed. (Beside no friction at all a motion is
+    another, and so is the level read there: dry friction in the place of a stiff bristle ended 178 below
+    it, and 3,900 above from the bristle's own level.)"""
+    if c.spec.name == spec.name:
+        kept = {k: v for k, v in spec.options.items() if k not in POINT}
+        return [replace(spec, options={**kept, **c.place.options})]
+    level = spec.parameters.get(LEVEL.get(spec.name, ""))
+    if level is None or c.spec.name not in LEVEL:
+        return []
+    known = {LEVEL[c.spec.name]: level}
+    if "static_level" in c.spec.parameters:
+        known["static_level"] = level
+    return [replace(c.spec, parameters={**c.spec.parameters, **known})]
 
 
 def _plainer(rival: Judged, current: Judged) -> bool:

@@ -15,9 +15,12 @@ from ffl.systems.state_space import Array
 class FlexibleMode(Effect):
     """The share `mass_fraction` of the moving mass M hangs on a spring and a damper.
 
-    With m1 = (1 - mu) M, m2 = mu M: resonance (2 pi f)^2 = k (1/m1 + 1/m2), damper
-    c = 2 damping (2 pi f) mu (1 - mu) M, anti-resonance (2 pi f)^2 (1 - mu) seen from the motor.
-    The total mass stays M. Key `measured` = "motor" (default: the sensor stays where it was) or
+    With m2 = mu M and m1 what moves at once with the point that it hangs at (1/m1: the acceleration that
+    a unit force makes there, without the part): resonance (2 pi f)^2 = k (1/m1 + 1/m2), damper
+    c = 2 damping (2 pi f)/(1/m1 + 1/m2). On a rigid machine m1 = (1 - mu) M, with the anti-resonance
+    (2 pi f)^2 (1 - mu) seen from the motor; with modes of its own, slower ones, m1 is the mass nearby
+    alone, and f the frequency at which the part is seen to resonate there. The total mass stays M.
+    Key `measured` = "motor" (default: the sensor stays where it was) or
     "load" (the sensor moves with the hung mass).
     """
 

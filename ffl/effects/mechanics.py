@@ -219,15 +219,15 @@ class Mechanics:
         damping: float,
         sensed: bool,
     ) -> Mechanics:
-        """Cuts `share` of the moving mass off at `side` and hangs it there on a spring and damper,
-        so that the two parts alone resonate at `frequency` Hz with `damping`. The spring is the
-        point `link`; `sensed`: the sensor moves with the part cut off."""
-        pulsation = 2.0 * np.pi * frequency
-        reduced = share * (1.0 - share) * self.moving_mass
-        lighter = self.with_mass(self.point(*side), -share * self.moving_mass)
+        """Cuts `share` of the moving mass off at `side` and hangs it there on a spring and damper, so
+        that it resonates at `frequency` Hz with `damping` against what else moves at that point. The
+        spring is the point `link`; `sensed`: the sensor moves with the part cut off."""
+        pulsation, mass = 2.0 * np.pi * frequency, share * self.moving_mass
+        lighter = self.with_mass(self.point(*side), -mass)
+        point = lighter.point(*side)
+        reduced = 1.0 / (1.0 / mass + point.mobility)
         spring, damper = pulsation**2 * reduced, 2.0 * damping * pulsation * reduced
-        mass = share * self.moving_mass
-        return lighter._with_hung_mass(link, lighter.point(*side), mass, spring, damper, sensed)
+        return lighter._with_hung_mass(link, point, mass, spring, damper, sensed)
 
     def _with_hung_mass(
         self, link: str, point: Point, mass: float, stiffness: float, damping: float, sensed: bool
