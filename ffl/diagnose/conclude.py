@@ -65,6 +65,8 @@ def conclude(
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
     lost = nameless.lost
     bare = maps.model if maps else lost.fit.model if lost else standing.model
+    if nameless.verdict == "unnamed" and standing.model.effects and not (maps or lost):
+        bare = nominal  # bursts alone
     fitted = replace(bare.plant(), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))
     observed = model.controller is None and fitted.controller is not None
@@ -122,7 +124,9 @@ def conclude(
         verdict=said,
         place=place,
         findings=findings if said not in ("unnamed", "inconclusive") else (),
-        corrections=() if maps or lost or said == "inconclusive" else corrections(standing),
+        corrections=()
+        if bare is not standing.model or said == "inconclusive"
+        else corrections(standing),
         proof=proof,
         advice=_advice(said, place, experiment, model),
         experiment=experiment,

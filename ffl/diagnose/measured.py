@@ -23,7 +23,7 @@ from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.warmth import feels_heat
 from ffl.systems.state_space import Array
 
-FITTED = 0.9  # of the squares that the force does to y: what a map draws where it was fitted,
+FITTED = 0.8  # of the squares that the force does to y: what a map draws where it was fitted,
 JUDGED = 0.8  # and with the same numbers in the recordings that judge
 
 

@@ -25,7 +25,7 @@ from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD, promise
 from ffl.diagnose.measured import measured
 from ffl.diagnose.model import Model
-from ffl.diagnose.scene import Scene
+from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.unrest import without_unrest
 from ffl.effects import EFFECTS
 from ffl.effects.periods import Repeating, harmonics
@@ -43,6 +43,7 @@ MANY = 20  # draws of noise that bursts are held against before they are called 
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
 TWICE = 2.0  # periods that the travel must hold before harmonics are those of what repeats
 SHARED_OUT = 0.03  # of the events before that may remain beside an effect that explains them
+HALF = 0.5  # of the mismatch that names must explain where bursts remain beside them
 NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
 
 
@@ -115,11 +116,13 @@ def compare(
             bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found
+    if bursts.found and named and _told(calm, standing, left, before) < HALF:
+        named = False  # what stands drew some of the bursts, and they are still there
     # A number held on the line, for no name to hide in it, hides a map just as well.
     maps = free_form(scene, held, nominal if named else replace(standing, held=nominal.held))
     bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
-    if alone is None:
+    if alone is None or _astray(scene, standing, alone):
         drawn = _led(calm, calm_held, nominal, standing, left)
         if drawn is not None:
             gained = drawn.evidence
@@ -162,6 +165,12 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _astray(scene: Scene, standing: Model, alone: FreeForm) -> bool:
+    """Neither the names nor the maps run where the machine ran."""
+    n = len(alone.white)
+    return is_far(alone.cost, n) and is_far(_cost(scene, standing, alone), n)
 
 
 def _led(
@@ -213,6 +222,13 @@ def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
     """Mean square of residuals whitened by the least noise that they show."""
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
     return float(np.mean(quiet.whiten(residuals) ** 2))
+
+
+def _told(scene: Scene, standing: Model, left: list[Array], before: list[Array]) -> float:
+    """Share of the mismatch `before` that `standing` explains, under the least noise that is left."""
+    quiet = replace(scene, noise=least_noise(scene, standing, left))
+    some, whole = (float(np.sum(quiet.whiten(e) ** 2)) for e in (left, before))
+    return 1.0 - some / whole
 
 
 def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
