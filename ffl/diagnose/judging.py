@@ -211,9 +211,8 @@ def credible(judged: Judged) -> bool:
     """Whether every effect has numbers of the physics that it is named for, and none is undone by the
     model's own number of its kind. (A damper at the motor that took the place of half the machine's own
     was a delay of half a sample; dropped in the end as no effect at all, it left nobody in its place.)"""
-    if not all(
-        EFFECTS[spec.name].credible(spec, _longest(judged.scene)) for spec in judged.model.effects
-    ):
+    duration, travel = _longest(judged.scene), judged.model.base.travel or np.inf
+    if not all(EFFECTS[e.name].credible(e, duration, travel) for e in judged.model.effects):
         return False
     return all(netted(judged.scene, judged.model, name) is None for name in NAMES)
 

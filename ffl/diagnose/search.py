@@ -217,7 +217,7 @@ def _climb(
         if not again:
             turned_down = set()
         last_error = error
-        joined = sum(len(step.joined) for step in steps)
+        joined = min(sum(len(step.joined) for step in steps), len(base.model.effects))
         accepted = None
         if joined < most and len(steps) < ROUNDS * most:
             taken = excluded(base.model) | turned_down

@@ -249,9 +249,10 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
-    def credible(self, spec: EffectSpec, duration: float) -> bool:
-        """Whether the numbers of `spec`, found in recordings of `duration` (s), are those of the physics
-        that it is named for, not of what stands in for something else."""
+    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+        """Whether the numbers of `spec`, found in recordings of `duration` (s) over a `travel` (output
+        units), are those of the physics that it is named for, not of what stands in for something
+        else."""
         return True
 
     def shown(self, values: Parameters, position: float) -> float:

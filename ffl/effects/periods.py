@@ -9,7 +9,10 @@ import numpy as np
 from numba import njit
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
+
+AGAIN = 1.5  # periods that the travel holds: half of one is seen twice
 
 
 @njit(error_model="numpy")
@@ -42,6 +45,10 @@ class Repeating(Effect):
             base = super().parameter(stem)
             return Parameter(name, base.unit, base.lower, base.upper, base.linear, 0.0)
         return super().parameter(name)
+
+    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+        """What nothing shows to come again is any force by position."""
+        return AGAIN * float(spec.parameters["period"]) <= travel
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         """The numbers of `series`, forces in input units."""
@@ -91,11 +98,11 @@ def sine_pair(coefficients: Array) -> dict[str, float]:
 
 
 def wave_numbers(motion: Motion, most: int = 400) -> Array:
-    """Trial wave numbers 1/period, from one period over the span to `most` half periods over it,
+    """Trial wave numbers 1/period, from `AGAIN` periods over the span to `most` half periods over it,
     but no finer than the largest move between samples can show (four samples a period)."""
     span = motion.span
     if span <= 0:
         return np.zeros(0)
     step = float(np.abs(np.diff(motion.x)).max(initial=0.0)) or span
     finest = min(0.25 / step, 0.5 * most / span)
-    return np.arange(1.0 / span, max(finest, 1.5 / span), 0.25 / span)
+    return np.arange(AGAIN / span, max(finest, (AGAIN + 0.5) / span), 0.25 / span)

@@ -65,7 +65,7 @@ class StribeckFriction(Effect):
     remembers = True
     switches = True
 
-    def credible(self, spec: EffectSpec, duration: float) -> bool:
+    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
         """Some of the level stays at speed; what vanishes there is no dry friction."""
         values = spec.parameters
         return bool(values["coulomb_level"] > LEAST * values["static_level"])

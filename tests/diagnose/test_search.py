@@ -115,12 +115,14 @@ def test_no_other_way_where_nothing_is_left_or_the_rival_says_the_same():
         ("drift sine", {"amplitude": 1.0, "time_constant": 6.0}, True),
         ("drift sine", {"amplitude": 1.0, "time_constant": 20.0}, False),
         ("constant_load", {"force": 1.0}, True),
+        ("cogging", {"amplitude": 1.0, "period": 0.19}, True),
+        ("cogging", {"amplitude": 1.0, "period": 0.21}, False),
     ],
 )
 def test_numbers_of_the_physics_that_an_effect_is_named_for(name, values, credible):
     name, *kind = name.split()
     spec = EffectSpec(name, values, {"kind": kind[0]} if kind else {})
-    assert EFFECTS[name].credible(spec, 8.0) is credible
+    assert EFFECTS[name].credible(spec, 8.0, 0.3) is credible
 
 
 def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, record, scenes):
