@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import search
+from ffl.diagnose.judging import judge
 from ffl.diagnose.places import mass_is_corrected
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.effects import EFFECTS
@@ -129,3 +130,45 @@ def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, rec
     _, _, model = scenes(record(stage))
     assert mass_is_corrected(model)
     assert not mass_is_corrected(replace(model, held=frozenset({"mass"})))
+
+
+RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 2e-6, "period": 4e-3, "phase": 0.0})
+
+
+@pytest.mark.parametrize(("size", "kept"), [(1.0, True), (1e4, True), (0.0, False)])
+def test_noise_louder_than_all_that_is_left_counts_for_as_much_less(
+    stage, record, scenes, monkeypatch, size, kept
+):
+    """A saturated loop that goes unstable parts from itself by any amount; what looks like the rival itself
+    (size 0) refuses it."""
+    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, RIPPLE))))
+    base = judge(scene, held, replace(model, effects=(FRICTION,)), 4)
+    rival = judge(scene, held, replace(model, effects=(FRICTION, RIPPLE)), 4)
+    monkeypatch.setattr(search, "HALF", 0.0)
+    rng = np.random.default_rng(0)
+    loop = stage.loop.process_sensitivity
+    alike = [loop.filter(2e-3 * size * rng.standard_normal(len(t))) for t in scene.trials]
+    if not size:
+        left = (one.simulate for one in (base.model, rival.model))
+        alike = [a.y - b.y for a, b in zip(*(map(run, scene.trials) for run in left), strict=True)]
+    draws = [SimpleNamespace(y=alike)]
+    monkeypatch.setattr(search, "imitated", lambda *_: draws)
+    assert search.louder_than_noise(base, [rival]) == ([rival] if kept else [])
+
+
+def test_who_dropped_out_makes_room(stage, record, scenes, monkeypatch):
+    """A set of two, one of which the company of the other makes superfluous, of two that may join."""
+    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, SPRING))))
+    real, begun = search._round, []
+
+    def first_a_set(quiet, held, base, views, taken, room, threshold, say):  # type: ignore[no-untyped-def]
+        if begun:
+            return real(quiet, held, base, views, taken, room, threshold, say)
+        begun.append(base)
+        idle = EffectSpec("input_delay", {"delay": 1e-9})
+        both = judge(quiet, held, replace(base.model, effects=(FRICTION, idle)), 1)
+        return Step(base, (), (), both)
+
+    monkeypatch.setattr(search, "_round", first_a_set)
+    outcome = search.contest(scene, held, model, THRESHOLD, most=2)
+    assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}

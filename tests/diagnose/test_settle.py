@@ -1,6 +1,7 @@
 """What stands is put to the test: one effect where two halves of it stand."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,14 @@ from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.settle import PLIABLE, challengers, levels_of, one_for_two, settle
+from ffl.diagnose.settle import (
+    PLIABLE,
+    as_it_stands,
+    challengers,
+    levels_of,
+    one_for_two,
+    settle,
+)
 from ffl.diagnose.trials import prepare
 from ffl.machines import Simulator
 from ffl.systems import EffectSpec
@@ -58,6 +66,20 @@ def test_two_halves_are_one_unless_the_friction_says_more(stage, record, frictio
     levels = found.effects[0].parameters
     assert levels["level_positive"] == pytest.approx(2.5, rel=0.02)
     assert levels["level_negative"] == pytest.approx(3.5, rel=0.02)
+
+
+def test_forms_of_one_friction_begin_from_the_level_that_stands() -> None:
+    def begun(spec, name, **values):  # type: ignore[no-untyped-def]
+        return as_it_stands(spec, SimpleNamespace(spec=EffectSpec(name, values)))  # type: ignore[arg-type]
+
+    stuck = {"coulomb_level": 9.0, "static_level": 9.5, "stribeck_velocity": 0.02}
+    (stribeck,) = begun(LEVEL, "stribeck_friction", **stuck)
+    assert stribeck.parameters == {**stuck, "coulomb_level": 3.0, "static_level": 3.0}
+    bristle = EffectSpec("presliding_friction", {"level": 3.0, "stiffness": 1e6})
+    (plain,) = begun(bristle, "coulomb_friction", level=9.0)
+    assert plain.parameters == {"level": 3.0}
+    assert begun(LOAD, "coulomb_friction", level=9.0) == []
+    assert begun(LEVEL, "hysteresis", force=9.0) == []
 
 
 @pytest.mark.parametrize("source", ["", "ffl identify linear of a long recording"])
