@@ -118,8 +118,7 @@ def compare(
     at_ease = loud < QUIET_ENOUGH and not bursts.found
     if bursts.found and named and _told(calm, standing, left, before) < HALF:
         named = False  # what stands drew some of the bursts, and they are still there
-    # A number held on the line, for no name to hide in it, hides a map just as well.
-    maps = free_form(scene, held, nominal if named else replace(standing, held=nominal.held))
+    maps = free_form(scene, held, _without_names(standing, nominal))
     bare = maps[0].free.model if maps else nominal
     alone = maps[-1] if maps and maps[-1].parts else None
     if alone is None or _astray(scene, standing, alone):
@@ -222,6 +221,12 @@ def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
     """Mean square of residuals whitened by the least noise that they show."""
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
     return float(np.mean(quiet.whiten(residuals) ** 2))
+
+
+def _without_names(standing: Model, nominal: Model) -> Model:
+    """What maps are tried beside: a number held on the line, for no name to hide in it, hides a map just
+    as well."""
+    return nominal if standing.effects else replace(standing, held=nominal.held)
 
 
 def _told(scene: Scene, standing: Model, left: list[Array], before: list[Array]) -> float:
