@@ -29,7 +29,6 @@ from ffl.diagnose.judging import CLEANER, LOST, PASSES, QUIET, UNTOLD, effective
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
-from ffl.diagnose.places import Place
 from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.warmth import warmed, with_warmth
@@ -62,7 +61,8 @@ class FreeForm:
     under `scene`'s noise; `known`: held-out samples at which the maps can be judged, since the machine
     is, and has been for a while, where it was in the fitted recordings. `ranking`: all maps at all
     ports as they were screened, best first. `scene` and `held` begin as the maps have it, where a
-    recording begins in motion. `untold`: the held-out recordings hardly show the maps.
+    recording begins in motion. `untold`: the held-out recordings hardly show the maps. `alike`: other
+    maps that do as much in the place of the last one.
     """
 
     free: FreeModel
@@ -74,6 +74,7 @@ class FreeForm:
     ranking: tuple[Ranked, ...] = ()
     held: Scene | None = None
     untold: bool = False
+    alike: tuple[Part, ...] = ()
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -247,8 +248,9 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     tried = [f for f in each(tried_out, worth) if f is not None]
     # Those that help where nothing was fitted come first, however much others take off what was.
     tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
-    # Those that matter go on to convergence; who promises most may begin furthest from where it ends.
-    first = [some[0].part for some in found if some]
+    # Those that matter go on to convergence; who promises most may begin furthest from where it ends, and
+    # who promises nearly as much may be what cannot be told from it.
+    first = [some[0].part for some in found if some] + _near(found[0])
     matter = [
         f
         for k, f in enumerate(tried)
@@ -261,9 +263,26 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         _no_worse(done, current),
         key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)),
     )
-    listed = tuple(Ranked(e.part.term.name, words(e.part.place), e.evidence.gain) for e in found[0])
-    untold = _untold(current, best)
-    return replace(_quieter(best), ranking=current.ranking or listed, untold=untold)
+    listed = tuple(Ranked(e.part.term.name, e.part.place.words, e.evidence.gain) for e in found[0])
+    untold, alike = _untold(current, best), tuple(f.parts[-1] for f in done if _alike(f, best))
+    return replace(_quieter(best), ranking=current.ranking or listed, untold=untold, alike=alike)
+
+
+def _near(listed: Sequence[Entry]) -> list[Part]:
+    """The maps of one variable that to first order are worth as much as the best."""
+    least = SIMPLER * listed[0].evidence.gain
+    near = [e.part for e in listed if e.evidence.gain >= least]
+    return [part for part in near if len(part.term.variables) == 1]
+
+
+def _alike(f: FreeForm, best: FreeForm) -> bool:
+    """Recordings cannot tell `f`, of other variables than `best` and not of more, from it. (Where a spring
+    holds a slow stage, what depends on the command and what depends on the position are one.)"""
+    own, other = best.parts[-1].term.variables, f.parts[-1].term.variables
+    if set(own) & set(other) or len(other) > len(own):
+        return False
+    ahead = held_gain(f.held_white, best.held_white, f.known & best.known)
+    return 0.5 * (f.cost - best.cost) < WORTH and ahead < HELD_WORTH
 
 
 def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:
@@ -278,13 +297,6 @@ def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:
         and f.cost <= NO_WORSE * best.cost
         and f.held_cost <= NO_WORSE * best.held_cost
     ]
-
-
-def words(place: Place) -> str:
-    """Where a signal enters, for a reader."""
-    if place.port == "force":
-        return "a force" if place.side == "sensor" else f"a force at the {place.side}"
-    return {"command": "beside the command", "output": "at the sensor"}[place.port]
 
 
 def _settled(screen: FreeScreen, f: FreeForm) -> FreeForm:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.formula import Formula
-from ffl.diagnose.freeform import words
 from ffl.diagnose.freemodel import FreeModel, Part
 from ffl.diagnose.linear import discrete
 from ffl.diagnose.passage import nothing
@@ -57,7 +56,7 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     plant = free.model.base.plant
     scale = free.model.simulator.force_per_input if part.place.port == "force" else 1.0
     unit = _unit(free, part)
-    title = f"{words(part.place)}: {part.term.name}"
+    title = f"{part.place.words}: {part.term.name}"
     if part.term.grid is None or part.term.along_grid is None:
         edge = np.array([signal.min(), signal.max()]) * scale
         return MapPicture(

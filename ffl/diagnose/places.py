@@ -35,6 +35,13 @@ class Place:
             out["mass_ratio"] = self.mass_ratio
         return out
 
+    @property
+    def words(self) -> str:
+        """Where a signal enters, for a reader."""
+        if self.port == "force":
+            return "a force" if self.side == "sensor" else f"a force at the {self.side}"
+        return {"command": "beside the command", "output": "at the sensor"}[self.port]
+
 
 def mass_is_corrected(model: Model) -> bool:
     """Whether a change of mass is a correction by another name: of an identified model at any size, and

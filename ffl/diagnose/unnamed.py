@@ -351,6 +351,9 @@ def _described(contest: Contest, rng: Generator) -> Contest:
     worth = NEEDED + MARGIN / max(winner.evidence, MARGIN)
     variables = tuple(v for v in winner.variables if needed.get(v, 1.0) > worth)
     variables = variables or winner.variables
+    variables += tuple(
+        v for part in winner.alike for v in part.term.variables if v not in variables
+    )
     if contest.bursts_remain:
         variables = tuple(dict.fromkeys((*variables, "time")))
     return replace(

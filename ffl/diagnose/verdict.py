@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.diagnose import where
-from ffl.diagnose.freeform import FreeForm, words
+from ffl.diagnose.freeform import FreeForm
 from ffl.diagnose.judging import Judged, effective
 from ffl.diagnose.noise import Noise, Paths
 from ffl.diagnose.states import goes_with, states
@@ -96,14 +96,16 @@ def _nameless(contest: Contest) -> where.Place:
             contest.variables,
         )
     place = winner.parts[0].place
-    said = f"{words(place)}: {where.phrase(contest.mapped)}"
+    said = f"{place.words}: {where.phrase(contest.mapped)}"
+    for part in winner.alike:
+        said += f", or as well {part.place.words}: {where.phrase(part.term.variables)}"
     if contest.led:
         said += ", along the motion as measured; two runs of this machine part, and so do free runs"
     if contest.bursts_remain:
         said += "; and bursts, at times of their own, that it does not explain"
     return where.Place(
         component_of(winner.parts), said,
-        contest.variables, port=words(place),
+        contest.variables, port=place.words,
         formula="; ".join(f.text for f in contest.formulas), ports=_ports(winner),
     )  # fmt: skip
 

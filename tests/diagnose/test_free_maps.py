@@ -12,8 +12,12 @@ from ffl.diagnose.events import events
 from ffl.diagnose.formula import Shape, _brake, _cost
 from ffl.diagnose.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.freemodel import FreeModel, Part, Running
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
 from ffl.diagnose.places import Place
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.terms import TERMS
+from ffl.diagnose.trials import prepare
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 
@@ -111,3 +115,28 @@ def test_a_shape_without_a_width_is_no_formula(width):  # type: ignore[no-untype
     z = np.linspace(-1.0, 1.0, 9)
     shape = Shape("", _brake, (width,))
     assert np.isfinite(_cost([shape], z, np.eye(9), z))
+
+
+@pytest.mark.parametrize(("pace", "noise", "apart"), [(0.5, 0.5, False), (17.0, 0.05, True)])
+def test_what_a_slow_spring_cannot_tell_apart_is_said_of_both(on_a_spring, pace, noise, apart):  # type: ignore[no-untyped-def]
+    """Far below the resonance of 30 Hz the position is the command, and a stop for the one is a limit of
+    the other."""
+    plant = on_a_spring(2.0, 30.0, 0.1, 1e-3, "N", sensor_noise=2e-7, force_noise=noise)
+    stiffness, t = 2.0 * (2 * np.pi * 30.0) ** 2, 1e-3 * np.arange(4000)
+    runs, simulator = [], Simulator(plant, open_loop=True)
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        u = 40.0 * np.sin(2 * np.pi * pace * t) + 25.0 * np.sin(2 * np.pi * (1.3 + seed) * pace * t)
+        shaken, stop = noise * rng.standard_normal(len(t)), np.zeros(len(t))
+        for _ in range(60):
+            run = simulator.run((), None, u, force=shaken + stop)
+            stop += 0.5 * (-0.3 * stiffness * np.maximum(run.x - 25.0 / stiffness, 0.0) - stop)
+        seen = run.y + 2e-7 * rng.standard_normal(len(t))
+        runs.append(Recording(t, np.zeros(len(t)), u, u, seen, sample_time=1e-3, source=f"{seed}"))
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in runs))
+    scene, held = (
+        Scene(plant.loop, (prepare(base.simulator, r, 2e-7),), Noise(2e-7, noise)) for r in runs
+    )
+    found = free_form(scene, held, Model(base))[-1]
+    said = {v for part in (*found.parts, *found.alike) for v in part.term.variables}
+    assert said == ({"position"} if apart else {"position", "command"})
