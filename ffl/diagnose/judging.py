@@ -211,6 +211,8 @@ def credible(judged: Judged) -> bool:
     """Whether every effect has numbers of the physics that it is named for, and none is undone by the
     model's own number of its kind. (A damper at the motor that took the place of half the machine's own
     was a delay of half a sample; dropped in the end as no effect at all, it left nobody in its place.)"""
+    if not np.isfinite(judged.score):
+        return False  # it ran away, or no machine has such numbers
     if not all(EFFECTS[e.name].credible(e, *_recorded(judged)) for e in judged.model.effects):
         return False
     return all(netted(judged.scene, judged.model, name) is None for name in NAMES)
@@ -224,7 +226,7 @@ def _recorded(judged: Judged) -> tuple[float, float]:
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     """Enough together, and in the fitted and the held-out recordings alike."""
-    if not np.isfinite(rival.score) or not credible(rival):
+    if not credible(rival):
         return False
     rival, base = levelled([rival, base])
     fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)

@@ -128,3 +128,15 @@ def test_an_effect_that_the_models_own_number_undoes_is_none(two_masses, referen
         other = replace(judged.model, corrections={"damping": share * 30.0 / mass})
         as_it_is = replace(judged, fit=replace(judged.fit, model=other))
         assert credible(as_it_is) is alright
+
+
+def test_numbers_that_no_machine_has_are_no_finding(two_masses, references):
+    """A blind case ended in an error: a mass change beyond what there is at its point, beside a free mass."""
+    machine = SimulatedMachine(two_masses)
+    recording = machine.run(references[0], 0 * references[0], np.random.default_rng(0))
+    scene, model = scene_of(two_masses, [recording])
+    gone = EffectSpec("mass_change", {"change": -0.95}, {"side": "motor"})
+    impossible = replace(model, corrections={"mass": 0.01}).with_effect(gone)
+    judged = judge(scene, None, impossible, rounds=2)
+    assert not np.isfinite(judged.score)
+    assert not credible(judged)
