@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose import line
 from ffl.diagnose.amounts import sizes
 from ffl.diagnose.judging import credible, judge
 from ffl.diagnose.line import (
@@ -131,7 +132,7 @@ def test_an_effect_that_the_models_own_number_undoes_is_none(two_masses, referen
 
 
 def test_numbers_that_no_machine_has_are_no_finding(two_masses, references):
-    """A blind case ended in an error: a mass change beyond what there is at its point, beside a free mass."""
+    """A blind case ended in an error: a mass change beyond what there is at its point."""
     machine = SimulatedMachine(two_masses)
     recording = machine.run(references[0], 0 * references[0], np.random.default_rng(0))
     scene, model = scene_of(two_masses, [recording])
@@ -140,3 +141,22 @@ def test_numbers_that_no_machine_has_are_no_finding(two_masses, references):
     judged = judge(scene, None, impossible, rounds=2)
     assert not np.isfinite(judged.score)
     assert not credible(judged)
+
+
+@pytest.mark.parametrize(
+    ("answers", "named"), [((True, True), ("mass_change",)), ((True, False), ())]
+)
+def test_a_number_that_is_worth_nothing_as_an_effect_stays_on_the_line(
+    stage, record, monkeypatch, answers, named
+):
+    """Free it was worth more than on the line, at a point of the machine it was not: a null."""
+    heavy = EffectSpec("mass_change", {"change": 0.05})
+    scene, model = scene_of(stage, record(replace(stage, effects=(heavy,))))
+    judged = judge(
+        scene, None, replace(model, corrections={"mass": 0.05, "damping": 0.0}), rounds=2
+    )
+    said = iter(answers)
+    monkeypatch.setattr(line, "_beyond", lambda *_: next(said))
+    found = across_the_line(scene, None, judged).model
+    assert found.names == named
+    assert named or found.corrections["mass"] == pytest.approx(0.02, rel=0.05)
