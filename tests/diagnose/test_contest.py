@@ -13,6 +13,7 @@ from ffl.diagnose import freeform, unnamed
 from ffl.diagnose.depends import needed_variables
 from ffl.diagnose.events import Events
 from ffl.diagnose.fit import fit
+from ffl.diagnose.places import Place
 from ffl.diagnose.unnamed import Contest, _after, _drawn, compare
 from ffl.diagnose.verdict import _nameless
 from ffl.machines.simulator import Simulator
@@ -82,12 +83,15 @@ def test_a_period_not_held_twice_draws_any_map(stage, scenes, references, period
 
 def test_bursts_that_a_map_leaves_are_said_beside_it():
     term = SimpleNamespace(variables=("command",), driver="")
-    place = SimpleNamespace(port="command", side="sensor")
-    part = SimpleNamespace(term=term, place=place)
-    alone = SimpleNamespace(parts=[part], variables=("command",), ranking=())
+    part = SimpleNamespace(term=term, place=Place("command"))
+    alone = SimpleNamespace(parts=[part], variables=("command",), ranking=(), alike=())
     loud, calm = Events(16.0, 1e4, ((0.9, 1.2),)), Events(1.4, 5e2, ())
     quiet = Contest("unnamed", alone, None, 188.0, 138.0, calm, ("command",))
     assert _nameless(quiet).where == "beside the command: large or small commands"
+    stop = SimpleNamespace(term=SimpleNamespace(variables=("position",)), place=Place("force"))
+    either = SimpleNamespace(**{**vars(alone), "alike": (stop,)})
+    said = _nameless(replace(quiet, alone=either)).where
+    assert said.endswith("large or small commands, or as well a force: places along the stroke")
     both = replace(quiet, events=loud, variables=("command", "time"))
     said = _nameless(both)
     assert said.depends_on == ("command", "time")
