@@ -18,6 +18,7 @@ import numpy as np
 
 from ffl.diagnose.company import separable, without
 from ffl.diagnose.fit import Fit, surprise
+from ffl.diagnose.freeform import free_form
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Coordinate, Model
@@ -26,6 +27,7 @@ from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.switching import Switching
 from ffl.diagnose.trials import Trial
+from ffl.diagnose.unrest import without_unrest
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -149,6 +151,8 @@ def with_rattling(
         return outcome
     if rigid and "backlash" in standing.model.names:
         return outcome  # a play that the free runs bear out, say of the measuring head
+    if rigid and _mapped(replace(standing.scene, noise=prior), outcome.held or held, told):
+        return outcome
     beside = tuple(spec for spec in standing.model.effects if separable(spec))
     told = replace(told, effects=beside)
     levels = LOOSENESS if loud else LOOSENESS[QUIET:]
@@ -170,6 +174,20 @@ def with_rattling(
     kept = {k: v for k, v in outcome.contenders.items() if k in judged.model.names}
     contenders = {**kept, "backlash": [("backlash", judged), (name, before)]}
     return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
+
+
+def _mapped(scene: Scene, held: Scene, told: Model) -> bool:
+    """Free runs with a map follow the recordings nearly to the noise of `scene`: nothing rattles there. (A
+    rubber stop on a rigid stage is foretold by a play as well, sample by sample.)"""
+    calm, judging = without_unrest(scene), without_unrest(held)
+    maps = free_form(calm, judging, told)
+    if not maps or not maps[-1].parts:
+        return False
+    left = [ground.residuals(maps[-1].free) for ground in (calm, judging)]
+    return all(
+        e is not None and np.mean(ground.like(calm).whiten(e) ** 2) < UNEXPLAINED
+        for ground, e in zip((calm, judging), left, strict=True)
+    )
 
 
 def _plain(standing: Judged, scene: Scene) -> float:
