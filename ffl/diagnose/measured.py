@@ -23,8 +23,7 @@ from ffl.diagnose.scene import Scene, is_far
 from ffl.diagnose.warmth import feels_heat
 from ffl.systems.state_space import Array
 
-FITTED = 0.8  # of the squares that the force does to y: what a map draws where it was fitted,
-JUDGED = 0.8  # and with the same numbers in the recordings that judge
+DRAWN = 0.8  # of the squares that the force does to y: what a map draws, fitted and judged alike
 
 
 def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
@@ -49,7 +48,7 @@ def measured(scene: Scene, held: Scene | None, found: Fit) -> FreeForm | None:
         free = entry.begun
         white, drawn = _left(view, free)
         held_white, confirmed = _judged(judging, free)
-        if drawn > max(FITTED, told) and confirmed > JUDGED:
+        if drawn > max(DRAWN, told) and confirmed > DRAWN:
             known = np.ones(len(held_white), bool)
             gain = entry.evidence.gain
             return FreeForm(free, view.scene, gain, white, held_white, known, held=held)
