@@ -15,7 +15,8 @@ from ffl.systems.state_space import Array
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
-    squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear`."""
+    squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear`;
+    `valleys`: starts in other valleys of its cost, of less gain."""
 
     spec: EffectSpec
     gain: float
@@ -23,6 +24,7 @@ class Candidate:
     place: Place
     like: Fit
     nonlinear: Mapping[str, float] = field(default_factory=dict)
+    valleys: tuple[EffectSpec, ...] = ()
 
 
 def with_coefficients(c: Candidate, coefficients: Array) -> EffectSpec:

@@ -36,7 +36,7 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
     cost = 0.0 if before is None else float(np.sum(quiet.whiten(before) ** 2))
 
     def begun(c: Candidate) -> Fit:
-        start = with_best_start(quiet, c.like, c.spec)
+        start = with_best_start(quiet, c)
         known = c.like.known(("correction", "given"))
         return fit(with_clocks(quiet, start, 1), start, rounds=GLIMPSE, known=known)
 

@@ -28,20 +28,23 @@ SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
 
-def with_best_start(
-    scene: Scene, like: Fit, spec: EffectSpec, others: Sequence[EffectSpec] = ()
-) -> Model:
-    """The model of `like` with the effect, in the form and with its decisive parameter at the rung
-    of a ladder of simulations that leave least, whatever the numbers fitted in `like` can mend
-    beside it; `others`: further starts as they are."""
-    starts = _rungs(scene, like.model, spec, others)
-    return _best(scene, like, starts) or starts[0]
+def with_best_start(scene: Scene, c: Candidate, others: Sequence[EffectSpec] = ()) -> Model:
+    """The model that the candidate is seen beside with its effect, in the valley, the form and with its
+    decisive parameter at the rung of a ladder of simulations that leave least, whatever the numbers
+    fitted there can mend beside it; `others`: further starts as they are."""
+    starts = [m for spec in (c.spec, *c.valleys) for m in _rungs(scene, c.like.model, spec)]
+    starts += [begun(c.like.model, spec) for spec in others]
+    return _best(scene, c.like, starts) or starts[0]
 
 
-def _rungs(
-    scene: Scene, model: Model, spec: EffectSpec, others: Sequence[EffectSpec] = ()
-) -> list[Model]:
-    """All starts within bounds, `others` last."""
+def begun(model: Model, spec: EffectSpec) -> Model:
+    """`model` with the effect, its numbers within bounds."""
+    start = model.with_effect(spec)
+    return start.at(start.theta)
+
+
+def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
+    """All starts of one valley."""
     forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
     values = [spec.parameters]
     ladder = EFFECTS[spec.name].ladder
@@ -51,13 +54,11 @@ def _rungs(
         rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
         rungs = np.clip(rungs, bounds.lower, bounds.upper)
         values += [EFFECTS[spec.name].rung(spec.parameters, name, float(value)) for value in rungs]
-    tried = [
-        replace(spec, parameters=p, options={**spec.options, **form})
+    return [
+        begun(model, replace(spec, parameters=p, options={**spec.options, **form}))
         for form in forms
         for p in values
     ]
-    starts = [model.with_effect(s) for s in (*tried, *others)]
-    return [start.at(start.theta) for start in starts]
 
 
 def _best(scene: Scene, like: Fit, starts: Sequence[Model], below: float = np.inf) -> Model | None:

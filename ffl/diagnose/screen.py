@@ -55,6 +55,7 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "actuator_lag",
     "flexible_mode",
 )
+VALLEYS = 3  # beside the best that a simulation looks into
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -236,12 +237,14 @@ class Screen:
             grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
         else:
             grid = effect.grid(_joined(motions))
-        best: Candidate | None = None
+        tops: dict[float, Candidate] = {}  # by the number that has valleys
         for nonlinear in grid:
             columns = self._shared(effect, place, nonlinear, tables)
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             worth = gain - PER_COLUMN * columns.shape[1]
-            if best is not None and worth <= best.gain - PER_COLUMN * best.freedom:
+            at = nonlinear.get(effect.valleys, 0.0)
+            rival = tops.get(at)
+            if rival is not None and worth <= rival.gain - PER_COLUMN * rival.freedom:
                 continue
             if effect.fixed_amount and not 0.2 < coefficients[0] < 5.0:
                 continue
@@ -249,8 +252,8 @@ class Screen:
                 continue
             spec = spec_of(effect, place, coefficients, nonlinear)
             freedom = columns.shape[1]
-            best = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
-        return best
+            tops[at] = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
+        return _deepest(tops) if tops else None
 
     def _shared(
         self, effect: Effect, place: Place, nonlinear: Mapping[str, float], tables: Tables | None
@@ -294,6 +297,15 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
+
+
+def _deepest(tops: Mapping[float, Candidate]) -> Candidate:
+    """The best of the candidates along a number, (number: candidate), with those of other valleys."""
+    row = [tops[at] for at in sorted(tops)]
+    gains = [-np.inf, *(c.gain for c in row), -np.inf]
+    peaks = [c for k, c in enumerate(row) if gains[k] <= c.gain >= gains[k + 2]]
+    best, *others = sorted(peaks, key=lambda c: PER_COLUMN * c.freedom - c.gain)
+    return replace(best, valleys=tuple(c.spec for c in others[:VALLEYS]))
 
 
 def catalogue(wanted: Sequence[tuple[Screen, Collection[str]]]) -> list[list[Candidate]]:

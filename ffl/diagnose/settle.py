@@ -157,7 +157,7 @@ def one_for_two(
         if "position" in EFFECTS[name].depends_on:
             like = fit(quiet, company, rounds=0)
             for c in Screen(quiet, like).candidates(sorted(PLIABLE))[:2]:
-                start = with_best_start(quiet, like, c.spec)
+                start = with_best_start(quiet, c)
                 one = fit(quiet, start, rounds=4, known=like.known(), goal=goal)
                 if one.cost - goal <= HOPELESS * (like.cost - goal):
                     begun.append((one, SUBSTITUTE))
@@ -203,7 +203,7 @@ def _reached(
     leaves."""
     lines: list[str] = []
     others = as_it_stands(current.model.effects[index], c)
-    start = with_best_start(quiet, c.like, c.spec, others)
+    start = with_best_start(quiet, c, others)
     begun = fit(quiet, start, rounds=4, known=c.like.known(("correction", "given")), goal=goal)
     other = judge(quiet, held, begun.model, 4, begun)
     least = current.score - HOPELESS * (current.score - without.score)

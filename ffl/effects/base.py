@@ -96,7 +96,8 @@ class Effect:
     lags drive no stated mass);
     `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any);
     `ladder` (where the cost is not convex: the parameter that decides, and factors on what the
-    regressor proposes for it, from which simulations begin).
+    regressor proposes for it, from which simulations begin); `valleys` (a parameter of `grid` along which
+    the cost has several valleys: simulations begin in each that the regressor sees).
     """
 
     name: ClassVar[str]
@@ -117,6 +118,7 @@ class Effect:
     of_processes: ClassVar[bool] = False
     switches: ClassVar[bool] = False
     ladder: ClassVar[tuple[str, Array] | None] = None
+    valleys: ClassVar[str] = ""
 
     # --- reading ---------------------------------------------------------------------------------
 

@@ -49,8 +49,8 @@ def test_who_takes_off_little_of_a_large_sum_has_a_say_by_likelihood(monkeypatch
     def begun(scene, start, **_):
         return SimpleNamespace(model=start, cost=squares[start.names[-1]])
 
-    def start(scene, like, spec):
-        return SimpleNamespace(names=(spec.name,), effects=(spec,))
+    def start(scene, c):
+        return SimpleNamespace(names=(c.spec.name,), effects=(c.spec,))
 
     monkeypatch.setattr(glimpse, "with_best_start", start)
     monkeypatch.setattr(glimpse, "with_clocks", lambda scene, model, first: scene)
