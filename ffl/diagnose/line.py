@@ -13,11 +13,20 @@ import numpy as np
 
 from ffl.diagnose.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.fit import fit
-from ffl.diagnose.judging import OPEN, Judged, earns, judge, levelled, raw_residuals
+from ffl.diagnose.judging import (
+    OPEN,
+    Judged,
+    credible,
+    earns,
+    judge,
+    levelled,
+    raw_residuals,
+)
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place, places_of
+from ffl.diagnose.rounds import Outcome
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.settle import KEEP
+from ffl.diagnose.settle import KEEP, RIVALS, SUBSTITUTE
 from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
@@ -95,6 +104,33 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         alone = name not in settled and not current.model.effects
         current = best if not alone or _beyond(best, within) else within
     return _without_idle(held, _preloaded(held, _evened(held, _netted(held, current))))
+
+
+def against_the_refused(
+    held: Scene | None, judged: Judged, outcome: Outcome
+) -> tuple[Judged, Outcome]:
+    """(`judged` or who does more in its place, `outcome` with those as contenders) where an effect stands
+    alone that came in as a number of the model's own: with that number on the line the best of the last
+    round are held against it once more, by its noise. (Dry friction in noise: 44 ahead of a damping beyond
+    the line and refused for 6 on the recordings that judge, under noise that made no difference of it.)"""
+    if len(judged.model.effects) != 1 or not outcome.steps:
+        return judged, outcome
+    name = judged.model.names[0]
+    if name not in NAMES.values() or name in outcome.contenders:
+        return judged, outcome
+    best: dict[str, Judged] = {}
+    for rival in sorted(outcome.steps[-1].rivals, key=lambda r: -r.score):
+        if len(rival.model.effects) == 1 and credible(rival):
+            best.setdefault(rival.model.names[0], rival)
+    alone, scene = outcome.standing, judged.scene
+    refused = [replace(r, scene=scene) for r in (alone, *list(best.values())[:RIVALS])]
+    found = [on_the_line(held, r) for r in refused]
+    plain, judged, *found = levelled([found[0], judged, *found[1:]])
+    contenders = [(name, judged), *((j.model.names[0], j) for j in found)]
+    first = max(found, key=lambda j: j.score, default=judged)
+    if first.score > judged.score + SUBSTITUTE and earns(first, plain, KEEP):
+        name, judged = first.model.names[0], across_the_line(scene, held, first)
+    return judged, replace(outcome, contenders={**outcome.contenders, name: contenders})
 
 
 def renamed(judged: Judged) -> Judged:

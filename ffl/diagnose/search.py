@@ -50,7 +50,6 @@ from ffl.diagnose.settle import (
     KEEP,
     PLIABLE,
     SUBSTITUTE,
-    TIMED,
     excluded,
     one_for_two,
     settle,
@@ -221,8 +220,6 @@ def _climb(
         accepted = None
         if joined < most and len(steps) < ROUNDS * most:
             taken = excluded(base.model) | turned_down
-            if scene.free_clocks and taken & TIMED:
-                taken |= TIMED  # an unknown clock can be set by one of them only
             # What hides in the noise of the first round may be faint.
             least = FAINT if steps else FAINT / 2
             views = [View.of(s, taken, least, bool(reserve)) for s in screens(quiet, base)]

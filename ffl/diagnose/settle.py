@@ -53,8 +53,6 @@ LEVEL = {
     "presliding_friction": "level",
 }
 
-TIMED = {"periodic_disturbance", "drift"}
-
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
 # no plain one earns more, and only where plain dry friction, their mean, has earned its place.
 PLIABLE = frozenset({"position_dependent_friction"})

@@ -179,16 +179,18 @@ def _spread(trial: Trial, model: Model) -> np.ndarray:
 
 def with_clocks(scene: Scene, model: Model, from_trial: int) -> Scene:
     """The scene with the unknown clock offsets of trials `from_trial` onwards fitted to the model's
-    periodic disturbance, whose phase in each recording is free, frequency and amplitude are not, or to
-    its drift, of which each recording may show a later part; as it is where there is no such machine."""
+    drift, of which each recording may show a later part, and to its periodic disturbance, whose phase in
+    each recording is free, frequency and amplitude are not: half a period more or less is little of a
+    settling. As it is where there is no such machine."""
     if not scene.free_clocks:
         return scene
     names = [e.name for e in model.effects]
     try:
-        if "periodic_disturbance" in names:
-            return _in_phase(scene, model, names.index("periodic_disturbance"), from_trial)
         if "drift" in names:
-            return _warmed(scene, model, names.index("drift"), from_trial)
+            rest = [e for e in model.effects if e.name != "periodic_disturbance"]
+            scene = _warmed(scene, replace(model, effects=tuple(rest)), from_trial)
+        if "periodic_disturbance" in names:
+            scene = _in_phase(scene, model, names.index("periodic_disturbance"), from_trial)
     except InputError:  # a mass that leaves none at its point: no fit goes there either
         return scene
     return scene
@@ -212,10 +214,10 @@ def _in_phase(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
     return replace(scene, trials=tuple(trials))
 
 
-def _warmed(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
+def _warmed(scene: Scene, model: Model, from_trial: int) -> Scene:
     """With what is left of the settling, g in 1 - g exp(-t/T), 0 to 1, as each recording shows it: to
     first order y is linear in it, between a recording begun at t = 0 and one begun long after."""
-    spec = model.effects[index]
+    spec = next(e for e in model.effects if e.name == "drift")
     if spec.options.get("kind", "exponential") != "exponential":
         return scene
     settling = float(spec.parameters["time_constant"])
