@@ -14,6 +14,7 @@ from numpy.random import Generator
 from ffl.diagnose import sound, where
 from ffl.diagnose.advise import Experiment, plan
 from ffl.diagnose.corrections import corrections
+from ffl.diagnose.freemodel import Running
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import slight
 from ffl.diagnose.model import Model
@@ -24,6 +25,7 @@ from ffl.diagnose.prove import prove, run_plant, with_map
 from ffl.diagnose.result import Diagnosis, Finding
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
+from ffl.diagnose.starts import with_starts
 from ffl.diagnose.states import linear_share, states
 from ffl.diagnose.unnamed import Contest, compare
 from ffl.diagnose.verdict import LOUD, loudness, verdict
@@ -78,7 +80,8 @@ def conclude(
     held = held.like(quiet)
     proof = prove(held, before, after, quiet, rng, running, observed)
     if maps:
-        proof = with_map(proof, with_warmth(held, maps), maps)
+        begun = with_starts(held, Running(maps))  # the start too was another's, who stands no more
+        proof = with_map(proof, with_warmth(begun, maps), maps)
     effects = standing.model.effects
     said, place = verdict(model, standing, nameless)
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from ffl.diagnose.model import Model
-from ffl.diagnose.resting import winds
+from ffl.diagnose.resting import springs_back, winds
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener
@@ -36,6 +36,7 @@ def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     trials = []
     try:
         for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
+            trial = _taken_for_resting(model, trial)
             if trial.at_rest:
                 trial = _adrift(model, _stood(model, trial, whitener), whitener)
             else:
@@ -62,10 +63,24 @@ def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     if trial.adrift is None or winds(model.base.simulator, model.acting):
         return trial  # what winds springs up, or lets them go, is told apart by `_stood`
     start, doubt = trial.adrift
-    moving = replace(trial, start=start, doubt=doubt, at_rest=False, loaded=False, travel=0.0)
+    other = trial.start, trial.doubt
+    moving = replace(
+        trial, start=start, doubt=doubt, at_rest=False, loaded=False, travel=0.0, adrift=other
+    )
     moving = _started(model, moving, whitener, MOST)
     costs = [_cost(model, one.head(_begun(one)), whitener) for one in (trial, moving)]
     return moving if costs[1] < costs[0] - ADRIFT * model.base.simulator.n_plant else trial
+
+
+def _taken_for_resting(model: Model, trial: Trial) -> Trial:
+    """The trial as it was read at rest, if it was: another model took it to move, and may be wrong."""
+    if trial.at_rest or trial.adrift is None:
+        return trial
+    (start, doubt), other = trial.adrift, (trial.start, trial.doubt)
+    wound = springs_back(model.base.simulator)
+    return replace(
+        trial, start=start, doubt=doubt, at_rest=True, loaded=wound, travel=0.0, adrift=other
+    )
 
 
 def _open(scene: Scene, model: Model) -> bool:
