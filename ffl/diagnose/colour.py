@@ -10,9 +10,11 @@ import numpy as np
 
 from ffl.diagnose.linear import corrected_plant
 from ffl.diagnose.model import Model
+from ffl.diagnose.scene import is_far
 from ffl.systems.loop import Loop
 
 ROUNDING = 1e-9  # of a pole on the circle
+STRUCTURED = 1.2  # mean square of a residual that is more than noise
 MISTAKEN = 5.0  # times what is believed of a number of the linear model (a mass to 3 %)
 
 
@@ -28,10 +30,13 @@ def loop_of(model: Model) -> Loop:
     return other.loop if radius[0] <= max(1.0, radius[1]) + ROUNDING else plant.loop
 
 
-def colouring(model: Model, far: bool) -> Loop:
-    """The loop that colours noise beside `model`: the stated one where that is `far` off, or has numbers
-    that no engineer mistakes so much. They stand for what is missing."""
-    return model.base.plant.loop if far or mistaken(model) else loop_of(model)
+def colouring(model: Model, left: float) -> Loop:
+    """The loop that colours noise beside `model`, which has `left` so much, mean square in units of the
+    noise: the stated one where it is far off, or structure is left and it has numbers that no engineer
+    mistakes so much. They stand for what is missing. (Where nothing is left they are the machine's: by a
+    mode stated 8 % too high the noise was 1,441 nats less likely, and a sine found 105.)"""
+    beside = left > STRUCTURED and mistaken(model)
+    return model.base.plant.loop if is_far(left, 1) or beside else loop_of(model)
 
 
 def mistaken(model: Model) -> bool:

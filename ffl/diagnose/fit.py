@@ -70,7 +70,7 @@ class Fit:
     @property
     def loop(self) -> Loop:
         """What colours the noise."""
-        return colouring(self.model, self.far)
+        return colouring(self.model, self.cost / max(len(self.white), 1))
 
     @cached_property
     def spread(self) -> Array:

@@ -29,7 +29,7 @@ from ffl.diagnose.judging import CLEANER, LOST, PASSES, QUIET, UNTOLD, effective
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.parallel import each
-from ffl.diagnose.scene import Scene, is_far
+from ffl.diagnose.scene import Scene
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.warmth import warmed, with_warmth
 from ffl.systems.state_space import Array
@@ -332,8 +332,8 @@ def _quieter(found: FreeForm) -> FreeForm:
     for _ in range(PASSES):
         scene = found.scene
         residuals = scene.residuals(found.free) or []
-        far = is_far(found.cost, len(found.white))
-        scene = replace(scene, loop=colouring(found.free.model, far))
+        left = found.cost / max(len(found.white), 1)
+        scene = replace(scene, loop=colouring(found.free.model, left))
         other = scene.with_noise_of(residuals, coloured=False, quantile=QUIET)
         screen = FreeScreen(other, found.free)
         again = _fitted(screen, found.free, found.held, found.evidence, 0.0, ROUNDS)

@@ -69,9 +69,9 @@ def test_a_direction_in_which_a_run_overflows_is_not_known(stage):
 
 def test_noise_is_coloured_by_the_loop_as_it_stands(two_masses):  # type: ignore[no-untyped-def]
     base = Base.of(two_masses)
-    assert colouring(Model(base), False) is two_masses.loop
-    moved = colouring(Model(base, {"mode_1_frequency": 0.05}), False)
-    nearly = colouring(Model(base, {"mode_1_frequency": 1e-9}), False)
+    assert colouring(Model(base), 1.0) is two_masses.loop
+    moved = colouring(Model(base, {"mode_1_frequency": 0.05}), 1.0)
+    nearly = colouring(Model(base, {"mode_1_frequency": 1e-9}), 1.0)
     f = np.linspace(1.0, 90.0, 2000)
     stated, same, other = (
         np.abs(loop.process_sensitivity.response(f)) for loop in (two_masses.loop, nearly, moved)
@@ -90,9 +90,14 @@ def test_a_loop_that_runs_away_colours_nothing(two_masses):  # type: ignore[no-u
 
 def test_numbers_that_nobody_mistakes_so_much_colour_nothing(two_masses):  # type: ignore[no-untyped-def]
     base = Base.of(two_masses)
-    assert colouring(Model(base, {"mass": 0.5}), False) is two_masses.loop
-    assert colouring(Model(base, {"mass": 0.05}), True) is two_masses.loop
-    assert colouring(Model(base, {"mass": 0.05}), False) is not two_masses.loop
+    assert colouring(Model(base, {"mass": 0.5}), 1.5) is two_masses.loop
+    assert colouring(Model(base, {"mass": 0.05}), 1.5) is not two_masses.loop
+    assert colouring(Model(base, {"mass": 0.05}), 5.0) is two_masses.loop
+
+
+def test_what_leaves_nothing_but_noise_colours_it_however_far_the_stated_is(two_masses):  # type: ignore[no-untyped-def]
+    base = Base.of(two_masses)
+    assert colouring(Model(base, {"mass": 0.5}), 1.1) is not two_masses.loop
 
 
 def test_a_phase_is_told_within_a_turn():
