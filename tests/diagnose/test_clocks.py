@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.starts import with_clocks
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 
@@ -39,3 +40,33 @@ def test_a_load_that_is_always_there_is_no_drift(stage, references):
     ]
     found = diagnose(stage, records[:2], records[2:]).answer()
     assert [e["name"] for e in found["effects"]] == ["constant_load"]
+
+
+def test_a_drift_and_a_fan_have_one_clock_in_each_recording(stage, references, scenes):
+    """Warmer by what has passed, and the fan in a phase of its own: to half a turn of it both fit."""
+    drift = EffectSpec("drift", {"amplitude": 3.0, "time_constant": 4.0})
+    fan = {"frequency": 11.0, "amplitude": 1.0, "phase": 0.4}
+    later = {"amplitude": 3.0 * np.exp(-0.25), "time_constant": 4.0}  # what 1 s has left of it
+    effects = [
+        (drift, EffectSpec("periodic_disturbance", fan)),
+        (
+            EffectSpec("drift", later),
+            EffectSpec("periodic_disturbance", fan | {"phase": 2.0}),
+            EffectSpec("constant_load", {"force": 3.0 * (1.0 - np.exp(-0.25))}),
+        ),
+    ]
+    runs = [
+        SimulatedMachine(replace(stage, effects=own)).run(
+            references[0], np.zeros_like(references[0]), np.random.default_rng(k)
+        )
+        for k, own in enumerate(effects)
+    ]
+    first, other, model = scenes(runs)
+    both = replace(first, trials=(*first.trials, *other.trials), free_clocks=True)
+    model = replace(model, effects=effects[0])
+    set_ = with_clocks(both, model, 1)
+    assert set_.trials[0].start_time == both.trials[0].start_time
+    assert set_.trials[1].start_time == pytest.approx(1.0, abs=0.6 / fan["frequency"])
+    turned = 2 * np.pi * fan["frequency"] * set_.trials[1].start_time + fan["phase"]
+    assert np.angle(np.exp(1j * (turned - 2.0))) == pytest.approx(0.0, abs=0.05)
+    assert set_.cost(model) < 1.5 * both.samples < 1e-2 * both.cost(model)

@@ -13,10 +13,12 @@ from ffl.diagnose.line import (
     _pruned,
     _without_idle,
     across_the_line,
+    against_the_refused,
     on_the_line,
 )
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
+from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -160,3 +162,28 @@ def test_a_number_that_is_worth_nothing_as_an_effect_stays_on_the_line(
     found = across_the_line(scene, None, judged).model
     assert found.names == named
     assert named or found.corrections["mass"] == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "true",
+    [
+        EffectSpec("coulomb_friction", {"level": 2.0}),
+        EffectSpec("viscous_friction", {"coefficient": 20.0}),
+    ],
+)
+def test_a_number_beyond_the_line_stands_against_who_was_refused(stage, record, true):  # type: ignore[no-untyped-def]
+    """What came in as a number of the model's own had no rival yet."""
+    scene, model = scene_of(stage, record(replace(stage, effects=(true,))))
+    nothing = judge(scene, None, model, rounds=10)
+    dry = EffectSpec("coulomb_friction", {"level": 0.3})
+    refused = judge(scene, None, nothing.model.with_effect(dry), rounds=10)
+    step = Step(nothing, (), (refused,), None)
+    outcome = Outcome(nothing, [step], None, {})
+    standing = across_the_line(scene, None, nothing)
+    assert standing.model.names == ("viscous_friction",)
+    found, after = against_the_refused(None, standing, outcome)
+    assert found.model.names == (true.name,)
+    others = {name for name, _ in after.contenders[true.name]}
+    assert others == {"viscous_friction", "coulomb_friction"}
+    (value,) = true.parameters.values()
+    assert next(iter(found.model.effects[0].parameters.values())) == pytest.approx(value, rel=0.2)

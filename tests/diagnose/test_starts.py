@@ -69,3 +69,21 @@ def test_a_reference_at_rest_is_no_machine_at_rest(stage, record):
     begun = Model(base, effects=(dead,)).simulate(settled)
     assert not settled.at_rest
     assert abs(begun.v[0] - speed) < 0.3 * abs(speed)
+
+
+def test_who_was_taken_to_move_is_at_rest_again_for_the_next_model(stage, record):
+    """A wrong model may explain its own error by a start in motion; another does not inherit it."""
+    recording = record(stage)[0]
+    base = Base.of(stage, 0.1)
+    trial = prepare(base.simulator, recording, 1e-7)
+    assert trial.at_rest
+    assert trial.adrift is not None
+    start, doubt = trial.adrift
+    away = start + 1e-3 * np.sqrt(np.diag(doubt).max()) * np.ones_like(start)
+    taken = replace(
+        trial, start=away, doubt=doubt, at_rest=False, adrift=(trial.start, trial.doubt)
+    )
+    scene = Scene(stage.loop, (taken,), Noise(1e-7, 2e-3))
+    (settled,) = with_starts(scene, Model(base)).trials
+    assert settled.at_rest
+    np.testing.assert_array_equal(settled.start, trial.start)
