@@ -47,9 +47,7 @@ class Trial:
     mechanics: Mechanics
     travel: float = 0.0  # in one direction until the first sample, as near as it is known
     loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
-    adrift: tuple[Array, Array] | None = (
-        None  # start and doubt: moving if at rest, the reverse if not
-    )
+    adrift: tuple[Array, Array] | None = None  # start and doubt, were rest motion or the reverse
     off: bool = False  # the drive was off until the first sample
     held: float | None = None  # command until the first sample, where it was found
     unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
