@@ -10,7 +10,16 @@ from functools import partial
 from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.friction_table import refined
-from ffl.diagnose.judging import PER_NUMBER, SHARE, Judged, credible, earns, judge, levelled
+from ffl.diagnose.judging import (
+    PER_NUMBER,
+    SHARE,
+    Judged,
+    between,
+    credible,
+    earns,
+    judge,
+    levelled,
+)
 from ffl.diagnose.ladders import with_best_start
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
@@ -114,6 +123,7 @@ def settle(
         *tried, alone = levelled([*tried, without])
         others = list(zip(names, tried, strict=True))
         current = others[0][1]
+        others[1:] = [(rival, between(quiet, current, other)) for rival, other in others[1:]]
         for rival, other in others[1:]:
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
         share = SHARE * len(current.fit.white)  # the pliable must say more, not fit a little better

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import settle as settling
-from ffl.diagnose.judging import judge
+from ffl.diagnose.judging import between, judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
@@ -133,3 +133,18 @@ def test_a_rival_that_did_as_well_before_is_still_named_beside_what_stands(with_
     tried = {LEVEL.name: [(LEVEL.name, own), ("asymmetric_friction", rival)]}
     _, contenders = settle(scene, held, own, [], PLIABLE, lambda line: None, tried)
     assert "asymmetric_friction" in {name for name, _ in next(iter(contenders.values()))}
+
+
+def test_between_two_of_as_many_numbers_what_is_open_decides_nothing(stage, record, scenes):
+    """Friction 2 standard errors off loses on recordings that judge; with them granted it does not."""
+    dry = EffectSpec("coulomb_friction", {"level": 3.0})
+    scene, held, model = scenes(record(replace(stage, effects=(dry,))))
+    own = judge(scene, held, model.with_effect(dry))
+    moved = own.model.at(own.model.theta + 2.0 * own.fit.spread)
+    off = replace(own, fit=replace(own.fit, model=moved), held_out=own.held_out - 80.0)
+    assert between(scene, own, off).held_out == pytest.approx(own.held_out, abs=8.0)
+    wrong = own.model.with_parameters(0, {"level": 4.0})
+    far = replace(own, fit=replace(own.fit, model=wrong), held_out=own.held_out - 80.0)
+    assert between(scene, own, far).held_out < own.held_out - 80.0
+    more = judge(scene, held, own.model.with_effect(EffectSpec("constant_load", {"force": 0.0})))
+    assert between(scene, own, more) is more
