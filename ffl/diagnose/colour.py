@@ -34,8 +34,10 @@ def colouring(model: Model, left: float) -> Loop:
     """The loop that colours noise beside `model`, which has `left` so much, mean square in units of the
     noise: the stated one where it is far off, or structure is left and it has numbers that no engineer
     mistakes so much. They stand for what is missing. (Where nothing is left they are the machine's: by a
-    mode stated 8 % too high the noise was 1,441 nats less likely, and a sine found 105.)"""
-    beside = left > STRUCTURED and mistaken(model)
+    mode stated 8 % too high the noise was 1,441 nats less likely, and a sine found 105.) Where no noise
+    is stated all that is left passes for it, and nobody knows."""
+    known = model.base.plant.machine.states_noise
+    beside = mistaken(model) and (left > STRUCTURED or not known)
     return model.base.plant.loop if is_far(left, 1) or beside else loop_of(model)
 
 

@@ -1,5 +1,7 @@
 """The free numbers of a hypothesis, and where its effects may act."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,6 +100,12 @@ def test_numbers_that_nobody_mistakes_so_much_colour_nothing(two_masses):  # typ
 def test_what_leaves_nothing_but_noise_colours_it_however_far_the_stated_is(two_masses):  # type: ignore[no-untyped-def]
     base = Base.of(two_masses)
     assert colouring(Model(base, {"mass": 0.5}), 1.1) is not two_masses.loop
+    quiet = replace(
+        two_masses, machine=replace(two_masses.machine, sensor_noise=0.0, force_noise=0.0)
+    )
+    assert (
+        colouring(Model(Base.of(quiet), {"mass": 0.5}), 1.1) is quiet.loop
+    )  # noise is what is left
 
 
 def test_a_phase_is_told_within_a_turn():
