@@ -156,18 +156,23 @@ def held_out(held: Scene | None, scene: Scene, fitted: Fit) -> tuple[float, Arra
     return -0.5 * effective(white) * float(np.log(np.mean(white**2))), white
 
 
-def between(quiet: Scene, current: Judged, rival: Judged) -> Judged:
-    """`rival`, of as many numbers as `current`, with what held-out recordings say between the two once each
-    is granted what the fitted ones leave open in all its numbers, as far as a run with them bears it out.
-    (A lag lost 425 nats to a delay where both fitted alike: its time constant, 1.3 % off, made five times
-    the noise there.) Who has more numbers would be granted more, and wins by that."""
-    if rival.freedom != current.freedom or rival.held is None or current.held is None:
-        return rival
-    own, other = (_at_its_best(quiet, j) for j in (current, rival))
-    if own is None or other is None:
-        return rival
-    own, other = levelled([own, other])
-    return replace(rival, held_out=current.held_out + other.held_out - own.held_out)
+def between(quiet: Scene, current: Judged, rivals: Sequence[Judged]) -> list[Judged]:
+    """`rivals`, those of as many numbers as `current` with what held-out recordings say between the two
+    once each is granted what the fitted ones leave open in all its numbers, as far as a run with them bears
+    it out. (A lag lost 425 nats to a delay where both fitted alike: its time constant, 1.3 % off, made five
+    times the noise there.) Who has more numbers would be granted more, and wins by that."""
+    if current.held is None or all(r.freedom != current.freedom for r in rivals):
+        return list(rivals)
+    own = _at_its_best(quiet, current)
+    out = []
+    for rival in rivals:
+        alike = own is not None and rival.held is not None and rival.freedom == current.freedom
+        best = _at_its_best(quiet, rival) if alike else None
+        if own is not None and best is not None:
+            one, other = levelled([own, best])
+            rival = replace(rival, held_out=current.held_out + other.held_out - one.held_out)
+        out.append(rival)
+    return out
 
 
 def _at_its_best(quiet: Scene, judged: Judged) -> Judged | None:

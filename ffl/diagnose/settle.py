@@ -121,9 +121,9 @@ def settle(
                 say(line)
         names, tried = zip(*others, strict=True)
         *tried, alone = levelled([*tried, without])
+        tried[1:] = between(quiet, tried[0], tried[1:])
         others = list(zip(names, tried, strict=True))
         current = others[0][1]
-        others[1:] = [(rival, between(quiet, current, other)) for rival, other in others[1:]]
         for rival, other in others[1:]:
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
         share = SHARE * len(current.fit.white)  # the pliable must say more, not fit a little better

@@ -142,9 +142,10 @@ def test_between_two_of_as_many_numbers_what_is_open_decides_nothing(stage, reco
     own = judge(scene, held, model.with_effect(dry))
     moved = own.model.at(own.model.theta + 2.0 * own.fit.spread)
     off = replace(own, fit=replace(own.fit, model=moved), held_out=own.held_out - 80.0)
-    assert between(scene, own, off).held_out == pytest.approx(own.held_out, abs=8.0)
     wrong = own.model.with_parameters(0, {"level": 4.0})
     far = replace(own, fit=replace(own.fit, model=wrong), held_out=own.held_out - 80.0)
-    assert between(scene, own, far).held_out < own.held_out - 80.0
+    same, less = between(scene, own, [off, far])
+    assert same.held_out == pytest.approx(own.held_out, abs=8.0)
+    assert less.held_out < own.held_out - 80.0
     more = judge(scene, held, own.model.with_effect(EffectSpec("constant_load", {"force": 0.0})))
-    assert between(scene, own, more) is more
+    assert between(scene, own, [more]) == [more]
