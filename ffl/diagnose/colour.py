@@ -14,7 +14,7 @@ from ffl.diagnose.scene import is_far
 from ffl.systems.loop import Loop
 
 ROUNDING = 1e-9  # of a pole on the circle
-STRUCTURED = 1.2  # mean square of a residual that is more than noise
+NOISE_ALONE = 1.2  # mean square of a residual, in units of the noise, up to which it is all noise
 MISTAKEN = 5.0  # times what is believed of a number of the linear model (a mass to 3 %)
 
 
@@ -37,7 +37,7 @@ def colouring(model: Model, left: float) -> Loop:
     mode stated 8 % too high the noise was 1,441 nats less likely, and a sine found 105.) Where no noise
     is stated all that is left passes for it, and nobody knows."""
     known = model.base.plant.machine.states_noise
-    beside = mistaken(model) and (left > STRUCTURED or not known)
+    beside = mistaken(model) and (left > NOISE_ALONE or not known)
     return model.base.plant.loop if is_far(left, 1) or beside else loop_of(model)
 
 

@@ -33,11 +33,11 @@ def with_best_start(scene: Scene, c: Candidate, others: Sequence[EffectSpec] = (
     decisive parameter at the rung of a ladder of simulations that leave least, whatever the numbers
     fitted there can mend beside it; `others`: further starts as they are."""
     starts = [m for spec in (c.spec, *c.valleys) for m in _rungs(scene, c.like.model, spec)]
-    starts += [begun(c.like.model, spec) for spec in others]
+    starts += [_beside(c.like.model, spec) for spec in others]
     return _best(scene, c.like, starts) or starts[0]
 
 
-def begun(model: Model, spec: EffectSpec) -> Model:
+def _beside(model: Model, spec: EffectSpec) -> Model:
     """`model` with the effect, its numbers within bounds."""
     start = model.with_effect(spec)
     return start.at(start.theta)
@@ -55,7 +55,7 @@ def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
         rungs = np.clip(rungs, bounds.lower, bounds.upper)
         values += [EFFECTS[spec.name].rung(spec.parameters, name, float(value)) for value in rungs]
     return [
-        begun(model, replace(spec, parameters=p, options={**spec.options, **form}))
+        _beside(model, replace(spec, parameters=p, options={**spec.options, **form}))
         for form in forms
         for p in values
     ]

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.judging import Judged, earns, effective
-from ffl.diagnose.model import Model
 from ffl.diagnose.observer import led, moving, needs_observer, with_observer
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
@@ -82,29 +80,3 @@ def test_friction_is_named_though_stiction_held_the_machine_before(axis, recorde
     assert found["constant_load"]["force"]["value"] == pytest.approx(LOAD, rel=0.05)
     assert found["viscous_friction"]["coefficient"]["value"] == pytest.approx(VISCOUS, rel=0.15)
     assert "drift" not in found
-
-
-def test_held_out_gains_count_in_equally_many_samples():
-    """A slow residual of four times the size is not hardly worse than a white one."""
-    rng = np.random.default_rng(0)
-    white = rng.standard_normal(600)
-    slow = 4.0 * np.sin(np.linspace(0.0, 6.0, 600))
-    base, rival = (_judged(w, fitted) for w, fitted in ((slow, 0.0), (white, 50.0)))
-    assert earns(rival, base, 25.0)
-    assert not earns(base, rival, 0.0)
-
-
-class Standing(Judged):
-    """A verdict without the fit behind it."""
-
-    freedom = 1
-    model = Model(None)  # type: ignore[arg-type]
-
-    @property
-    def score(self) -> float:
-        return self.fitted + self.held_out
-
-
-def _judged(held_white, fitted):  # type: ignore[no-untyped-def]
-    held = -0.5 * effective(held_white) * float(np.log(np.mean(held_white**2)))
-    return Standing(None, None, fitted, held, held_white)  # type: ignore[arg-type]
