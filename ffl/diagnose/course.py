@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.judging import Judged, judge, raw_residuals
+from ffl.diagnose.judging import SHARE, Judged, judge, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.places import point_of
 from ffl.diagnose.scene import Scene
@@ -26,6 +26,7 @@ SHORTEST, LONGEST = 0.1, 16.0  # of the recordings: what settles more slowly is 
 SETTLINGS = 30
 WORTH = 20.0  # log-likelihood below which no kind of drift is worth a look
 PART = 0.3  # of what the best rival brings
+HALF = 0.5  # of what a further effect must bring
 
 
 def courses(
@@ -36,7 +37,10 @@ def courses(
     most = max((r.fitted - base.fitted for r in rivals), default=0.0)
     slow = [r for r in rivals if r.model.names[-1] == NAME]
     best = max(slow, key=lambda r: r.fitted, default=None)
-    if best is None or best.fitted - base.fitted < max(WORTH, PART * most):
+    least = max(WORTH, PART * most)
+    if base.model.effects:  # its other kinds do much the same there, and must earn a place like any
+        least = max(least, HALF * SHARE * len(base.fit.white))
+    if best is None or best.fitted - base.fitted < least:
         return []
     return other_courses(quiet, held, best)
 

@@ -56,8 +56,8 @@ class Search:
 
     @property
     def few(self) -> bool:
-        """Some of the samples, and no more of each than its own force."""
-        return self.rate < MOST and self.gain < self.promise
+        """No more of each than its own force."""
+        return self.gain < self.promise
 
     @property
     def rate(self) -> float:
@@ -107,7 +107,7 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
         if residuals is None:
             return None
         noise = least_noise(scene, model, residuals)
-        search = _searched(replace(scene, noise=noise), model)
+        search = _searched(replace(scene, noise=noise), model, MOST)
         if search is None or not search.found or not search.few:
             return None
     found = fit(search.scene, model, rounds=ROUNDS)
@@ -131,25 +131,34 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     return Dropouts(found, search, again, confirmed, white, again.scene.judge(left))
 
 
-def _searched(scene: Scene, model: Model) -> Search | None:
-    """None where the simulation leaves all bounds."""
+def _searched(scene: Scene, model: Model, most: float = np.inf) -> Search | None:
+    """None where the simulation leaves all bounds, or more than the share `most` of the samples that could
+    be seen to be lost would have to be."""
     residuals = scene.residuals(model)
     if residuals is None:
         return None
     cuts = np.cumsum([len(t) for t in scene.trials])[:-1]
     pieces = np.split(scene.judge(residuals), cuts)
-    trials, count, able, gain, other, promise = [], 0, 0.0, 0.0, 0.0, 0.0
+    looks = []
     for trial, whitener, white in zip(scene.trials, scene.whiteners, pieces, strict=True):
         trace = _trace(scene, whitener, len(trial))
         power = np.correlate(trace, trace, "full")[len(trace) - 1 :]
         seen = np.correlate(np.append(white, np.zeros(len(trace) - 1)), trace, "valid")
-        lost, brought = _pursued(trial.u, seen.copy(), power, CERTAIN, 1.0)
-        other += _pursued(trial.u, seen, power, CERTAIN, -1.0)[1]
-        seen_of, worth = expected(0.5 * power[0] * np.diff(trial.u) ** 2)
-        able += seen_of
-        promise += worth
-        trials.append(_loaded(trial, lost))
+        looks.append((trial, seen, power))
+    hopes = [expected(0.5 * power[0] * np.diff(trial.u) ** 2) for trial, _, power in looks]
+    able, promise = (sum(numbers) for numbers in zip(*hopes, strict=True))
+    room = most * max(able, 1.0)
+    trials, count, gain, other = [], 0, 0.0, 0.0
+    for trial, seen, power in looks:
+        lost, brought = _pursued(trial.u, seen.copy(), power, CERTAIN, 1.0, room - count)
         count, gain = count + int(np.sum(lost)), gain + brought
+        if count >= room:
+            return None
+        trials.append(_loaded(trial, lost))
+    if gain > WORTH:
+        other = sum(
+            _pursued(t.u, seen, power, CERTAIN, -1.0, np.inf)[1] for t, seen, power in looks
+        )
     return Search(replace(scene, trials=tuple(trials)), count, able, gain, other, promise)
 
 
@@ -182,15 +191,17 @@ def _loaded(trial: Trial, lost: Array) -> Trial:
 
 
 @njit(cache=True, nogil=True)
-def _pursued(u, seen, power, certain, sign):  # type: ignore[no-untyped-def]
-    """Lost samples, best first, and the sum of what each brings beyond `certain`. `seen` (N,):
+def _pursued(u, seen, power, certain, sign, most):  # type: ignore[no-untyped-def]
+    """Lost samples, best first until `most`, and the sum of what each brings beyond `certain`. `seen` (N,):
     correlation of the residual with a sample's trace, changed on the way; `power`: the trace's own.
     Of neighbours the earlier may be found later: what the drive kept then changes for both."""
     n, reach = len(u), len(power)
     lost = np.zeros(n, np.bool_)
     applied = u.copy()
     brought = 0.0
-    for _ in range(n):
+    for done in range(n):
+        if done >= most:
+            break
         best, at = certain, -1
         for k in range(1, n):
             if not lost[k]:

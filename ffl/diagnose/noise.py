@@ -20,6 +20,7 @@ from ffl.systems.state_space import Array
 SLOWEST = 1.0  # Hz: lowest corner of coloured noise; what is slower is physics
 SLOW = 0.02  # of the sampling rate: the same for processes that are sampled slowly
 LOUDEST = 2.5  # most coloured noise beside the white: a louder one would pass friction for noise
+ROUGH = 30.0  # Hz: corner of noise that is partly coloured
 
 
 @dataclass(frozen=True)
@@ -235,3 +236,10 @@ def _levels(seen: Spectrum, paths: Paths, floor: float) -> tuple[float, float]:
     left = np.maximum(seen.power - paths.sensor * sensor**2, 0.05 * seen.power)
     force = np.sqrt(np.median((left / np.maximum(paths.force, 1e-300))[~high]))
     return float(max(sensor, floor, 1e-300)), float(max(force, 1e-300))
+
+
+def partly_coloured(noise: Noise) -> Noise:
+    """The same power, half of it first-order: white noise alone, where some of it is slow, makes the
+    filter trust its state too much and lose it."""
+    sensor, force = noise.sensor / np.sqrt(2.0), noise.force / np.sqrt(2.0)
+    return Noise(sensor, force, sensor, ROUGH, force, ROUGH)

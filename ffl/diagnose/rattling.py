@@ -22,9 +22,10 @@ from ffl.diagnose.freeform import free_form
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Coordinate, Model
-from ffl.diagnose.noise import Noise
+from ffl.diagnose.noise import Noise, partly_coloured
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
+from ffl.diagnose.settle import KEEP
 from ffl.diagnose.switching import Switching
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.unrest import without_unrest
@@ -34,22 +35,23 @@ from ffl.systems.state_space import Array
 
 GAPS = np.geomspace(1e-4, 0.03, 12)  # of the travel
 NONE = 1e-9
-CORNER = 30.0  # Hz
 RATIOS = (0.4, 1.0, 2.5)
 CONTACT = 0.05  # damping ratio of the contact to begin with
 SHARES, FREQUENCIES, STICKY = (0.25, 0.5, 0.75), (60.0, 130.0), 0.2  # of a load behind the gap
 STARTS = 3  # forms of the grid that are looked at more closely
 LEAST_SHARE = 0.03  # of the mass: as good as none behind the gap
-LOG_STEP, CONTACT_STEP = 0.01, 0.02  # of a logarithm; of one of the contact's
-COMPANY_STEP = 0.01  # of an effect's own size
+LOG_STEP, CONTACT_STEP, COMPANY_STEP = (
+    0.01,
+    0.02,
+    0.01,
+)  # of a logarithm; the contact's; an effect's size
 GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fit look at
 # Times the force noise: what it is more than stated holds the state to what is seen, as long as the
 # numbers are off, and makes one broad valley of many narrow ones.
 LOOSENESS = (30.0, 10.0, 3.0, 1.0)
 GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides under the loosest
 QUIET = 2  # levels spared where what is left is no louder than stated noise
-ROUNDS = 8
-TRIES = 5  # damped steps of a round
+ROUNDS, TRIES = 8, 5  # and damped steps of each
 STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
 MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
 LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
@@ -159,7 +161,7 @@ def with_rattling(
     begun, levels = start(scene, told, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
-    found = settled(begun, scene, levels)
+    found = needed(settled(begun, scene, levels), scene.trials)
     fitted, factor = found.scaled(scene.trials)
     found = replace(found, noise=found.noise.scaled(factor))
     judged = _judged(found, scene, held, fitted)
@@ -169,11 +171,19 @@ def with_rattling(
     ahead = judged.held_out - before.held_out
     if min(judged.score - before.score - ahead, ahead) < CLEAR:
         return outcome
-    name = before.model.names[0] if before.model.names else "nothing"
+    name = (*before.model.names, "nothing")[0]
     step = Step(before, (), (judged,), judged)
     kept = {k: v for k, v in outcome.contenders.items() if k in judged.model.names}
     contenders = {**kept, "backlash": [("backlash", judged), (name, before)]}
     return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
+
+
+def needed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """Without those beside the play that foretell nothing now that it is there."""
+    for name in found.model.names[:-1]:
+        bare = replace(found, model=found.model.without(found.model.names.index(name)))
+        found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
+    return found
 
 
 def _mapped(scene: Scene, held: Scene, told: Model) -> bool:
@@ -209,13 +219,6 @@ def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judg
     loud = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
     white = ahead[0] * max(1.0, loud / BELIEVED)
     return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)
-
-
-def partly_coloured(noise: Noise) -> Noise:
-    """The same power, half of it first-order: white noise alone, where some of it is slow, makes the
-    filter trust its state too much and lose it."""
-    sensor, force = noise.sensor / np.sqrt(2.0), noise.force / np.sqrt(2.0)
-    return Noise(sensor, force, sensor, CORNER, force, CORNER)
 
 
 def start(

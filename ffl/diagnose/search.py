@@ -16,7 +16,6 @@ from functools import partial
 
 import numpy as np
 
-from ffl.diagnose.candidate import Candidate
 from ffl.diagnose.contact import with_other_contact
 from ffl.diagnose.course import courses
 from ffl.diagnose.fit import Fit
@@ -56,7 +55,7 @@ from ffl.diagnose.settle import (
 )
 from ffl.diagnose.span import orthonormal
 from ffl.diagnose.starts import with_starts
-from ffl.diagnose.together import HIDDEN, starts, together
+from ffl.diagnose.together import ENOUGH, HIDDEN, starts, together
 from ffl.diagnose.unrest import unrest_of, with_unrest
 from ffl.diagnose.views import View, entrants_of, screens
 
@@ -172,24 +171,18 @@ def _climb(
     last_error = np.inf
     reserve = PLIABLE
     turned_down: set[str] = set()  # in the present company
-    again, at_once = False, True
+    again, at_once, anew = False, True, True
+    quiet, base = scene, standing
     while True:
-        scene = replace(scene, loop=standing.fit.loop)
-        # White noise no louder than what is left: slow physics must not pass for slow noise.
-        quiet = scene.with_noise_of(
-            raw_residuals(scene, standing.model), coloured=False, quantile=QUIET
-        )
-        quiet = with_unrest(with_starts(quiet, standing.model), standing.model)
-        scene = replace(scene, trials=quiet.trials)
-        if held is not None:
-            held = with_starts(held.like(quiet), standing.model)
-            held = unrest_of(held, standing.model)
-        base = judge(quiet, held, standing.model, rounds=6)
-        say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
-        base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
-        if not again:
-            base = with_other_contact(quiet, held, base, say)
-        base = plain_lags(quiet, held, base, say)
+        if anew:
+            quiet, held = _in_its_noise(replace(scene, loop=standing.fit.loop), held, standing)
+            scene = replace(scene, loop=quiet.loop, trials=quiet.trials)
+            base = judge(quiet, held, standing.model, rounds=6)
+            say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
+            base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
+            if not again:
+                base = with_other_contact(quiet, held, base, say)
+            base = plain_lags(quiet, held, base, say)
         last_contenders = contenders
         if base.model.effects:
             base, contenders = settle(
@@ -199,6 +192,8 @@ def _climb(
             if one is not base:
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one
+        if not anew and base.model.names == standing.model.names:
+            return Outcome(base, steps, held, contenders)
         error = raw_error(held, base.model)
         last = steps[-1].before if steps and not (again or patient) else None
         if last is not None and _worse(held, base, last, error, last_error):
@@ -209,7 +204,7 @@ def _climb(
             turned_down |= set(came) if len(came) == 1 else set()
             at_once = at_once and len(came) == 1
             steps[-1] = replace(steps[-1], accepted=None, turned_down=steps[-1].accepted)
-            standing, contenders, again = last, last_contenders, True
+            standing, contenders, again, anew = last, last_contenders, True, True
             scene = replace(scene, trials=standing.scene.trials)
             held = standing.held
             continue
@@ -227,13 +222,25 @@ def _climb(
             steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
             base, accepted = steps[-1].before, steps[-1].accepted
         if accepted is None and reserve and set(base.model.names) & DRY:
-            reserve, standing, last_error, again = frozenset(), base, np.inf, True
+            # The same company once more, with those in it that were kept back.
+            reserve, standing, last_error, again, anew = frozenset(), base, np.inf, True, False
             continue
         if accepted is None:
             return Outcome(base, steps, held, contenders)
-        standing, again, barred = accepted, False, frozenset()
+        standing, again, anew, barred = accepted, False, True, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _in_its_noise(scene: Scene, held: Scene | None, standing: Judged) -> tuple[Scene, Scene | None]:
+    """The fitted and the held-out recordings under the noise that `standing` leaves: white and no louder
+    than what is left, for slow physics must not pass for slow noise."""
+    left = raw_residuals(scene, standing.model)
+    quiet = with_starts(scene.with_noise_of(left, coloured=False, quantile=QUIET), standing.model)
+    quiet = with_unrest(quiet, standing.model)
+    if held is not None:
+        held = unrest_of(with_starts(held.like(quiet), standing.model), standing.model)
+    return quiet, held
 
 
 def _round(
@@ -246,15 +253,17 @@ def _round(
     threshold: float,
     say: Callable[[str], None],
 ) -> Step:
-    """Who joins `base`, of those whom the `views` show: one effect, or a set of up to `room` at once."""
-    sets = starts(base, [(v.screen, v.allowed) for v in views], room) if room else []
+    """Who joins `base`, of those whom the `views` show: one effect, or a set of up to `room` at once, which
+    is looked for where no single one leaves little more than noise."""
+    begun = promising(quiet, base, entrants_of(quiet, base, views, taken))
+    enough = any(f.cost < ENOUGH * len(f.white) for f in begun)
+    sets = [] if enough else starts(base, [(v.screen, v.allowed) for v in views], room)
     rivals: list[Judged] = []
     accepted, several = None, None
     if sets and sets[0].share < HIDDEN:
         accepted = several = together(quiet, held, base, sets, threshold, say)
     if several is None or several.fit.far:
-        entrants = entrants_of(quiet, base, views, taken)
-        base, rivals, accepted = _one_more(quiet, held, base, entrants, threshold, say)
+        base, rivals, accepted = _one_more(quiet, held, base, begun, threshold, say)
         if sets and several is None:
             several = together(quiet, held, base, sets, threshold, say, accepted)
     if several and (several is accepted or _above(several, accepted or base, rivals)):
@@ -267,13 +276,13 @@ def _one_more(
     quiet: Scene,
     held: Scene | None,
     base: Judged,
-    entrants: Sequence[Candidate],
+    begun: Sequence[Fit],
     threshold: float,
     say: Callable[[str], None],
 ) -> tuple[Judged, list[Judged], Judged | None]:
-    """(`base`, levelled; it with each of the entrants that get anywhere, best first; the one that earns
-    its place, if any does)."""
-    rivals = each(partial(_joined, quiet, held), promising(quiet, base, entrants))
+    """(`base`, levelled; it with each of those `begun`, best first; the one that earns its place, if any
+    does)."""
+    rivals = each(partial(_joined, quiet, held), begun)
     rivals += courses(quiet, held, base, rivals)
     for rival in rivals:
         side = rival.model.effects[-1].options.get("side", "sensor")
@@ -294,7 +303,7 @@ def _one_more(
         worthy = louder_than_noise(base, worthy)
     if not worthy and not base.model.effects and crosses(quiet, base):
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
-        worthy = _claimants(held, base, rivals, threshold)
+        worthy = _claimants(quiet, held, base, rivals, threshold)
     return base, rivals, worthy[0] if worthy else None
 
 
@@ -325,14 +334,14 @@ def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then:
 
 
 def _claimants(
-    held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
+    quiet: Scene, held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
 ) -> list[Judged]:
     """Those of `rivals`, best first, that with their own corrections on the line do more than the one
     beyond it that `base` stands on, and earn their place beside it on the line."""
     worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
     if not worthy:
         return []
-    on_line = [on_the_line(held, r) for r in (base, *worthy)]
+    on_line = [on_the_line(held, replace(r, scene=quiet)) for r in (base, *worthy)]
     base, plain, *worthy = levelled([base, *on_line])
     worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
     return sorted((r for r in worthy if earns(r, plain, threshold)), key=lambda r: -r.score)

@@ -50,6 +50,10 @@ class PeriodicDisturbance(Effect):
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
         return {**nonlinear, **sine_pair(coefficients)}
 
+    def coefficients_of(self, values: Parameters) -> Array:
+        amplitude, phase = float(values["amplitude"]), float(values["phase"])
+        return amplitude * np.array([np.cos(phase), np.sin(phase)])
+
     def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
         return None  # its phase is not that of the reference
 

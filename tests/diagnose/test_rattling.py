@@ -9,8 +9,8 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.judging import judge
 from ffl.diagnose.line import renamed
 from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise
-from ffl.diagnose.rattling import Hypothesis, partly_coloured, settled, start
+from ffl.diagnose.noise import Noise, partly_coloured
+from ffl.diagnose.rattling import Hypothesis, needed, settled, start
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -110,6 +110,21 @@ def test_the_play_is_found_by_prediction(plant, rattling):
     (spec,) = settled(begun, scene, levels).model.effects
     assert spec.parameters["gap"] == pytest.approx(GAP, rel=0.1)
     assert spec.options["damping"] == pytest.approx(0.04, rel=0.1)
+
+
+def test_a_measured_load_may_rest_anywhere_in_the_gap(plant, worn, rattling):
+    """Its first sample speaks against no play that is as wide."""
+    scene, model = scene_of(plant, rattling)
+    first = replace(scene.trials[0], y=scene.trials[0].y + 0.4 * GAP)
+    ahead, _ = Hypothesis(replace(model, effects=worn.effects), NOISE).predict([first])
+    assert np.abs(ahead[:20]).max() < 6.0
+
+
+def test_who_foretells_nothing_beside_the_play_goes(plant, worn, rattling):
+    scene, model = scene_of(plant, rattling)
+    idle = EffectSpec("encoder_ripple", {"period": 0.006, "amplitude": 0.0, "phase": 0.0})
+    both = Hypothesis(replace(model, effects=(idle, *worn.effects)), NOISE)
+    assert needed(both, scene.trials).model.names == ("backlash",)
 
 
 @pytest.mark.parametrize(

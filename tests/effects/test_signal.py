@@ -26,6 +26,19 @@ def test_signal_is_what_the_kernel_adds_to_the_command(name, parameters):
     np.testing.assert_allclose(EFFECTS[name].signal(spec, motion), added, atol=1e-12)
 
 
+def test_the_signal_of_a_periodic_disturbance_is_what_the_kernel_adds():
+    """Amplitude and phase are not coefficients of sine and cosine."""
+    values = {"amplitude": 0.7, "frequency": 3.0, "phase": 2.0}
+    spec = EffectSpec("periodic_disturbance", values)
+    zero = np.zeros(700)
+    added = MASS.run([spec], feedforward=zero).contribution.sum(axis=1)
+    middle = 1e-3 * (np.arange(700) + 0.5)  # the kernel's is the mean over a sample
+    motion = Motion(middle, zero, zero, zero, zero, zero, 1e-3)
+    said = EFFECTS[spec.name].signal(spec, motion)
+    newton = MASS.force_per_input
+    np.testing.assert_allclose(said / newton, added, atol=1e-4 * np.abs(added).max())
+
+
 @pytest.mark.parametrize("kind", ["clipping", "rectified"])
 def test_what_a_sensor_passes_is_how_what_it_shows_of_a_machine_changes(kind):
     u = np.sin(np.arange(400) * 0.05) * np.linspace(0.2, 1.0, 400)
