@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from ffl.diagnose import course
 from ffl.diagnose.course import courses, other_courses
 from ffl.diagnose.judging import judge
 from ffl.effects import EFFECTS, Motion
@@ -61,3 +63,13 @@ def test_the_force_of_a_drift_is_that_of_its_kind():
     motion = Motion(t, zero, zero, zero, zero, zero, 1.0)
     sine = EFFECTS["drift"].signal(TAKEN, motion)
     np.testing.assert_allclose(sine, 1.8 * np.sin(2 * np.pi * t / 15.0))
+
+
+@pytest.mark.parametrize(("beside", "again"), [((), True), ((TRUE,), False)])
+def test_beside_effects_its_other_kinds_must_be_able_to_earn_a_place(monkeypatch, beside, again):
+    """They do much the same in the fitted recordings: 25 is no place beside others in 40,000 samples."""
+    monkeypatch.setattr(course, "other_courses", lambda quiet, held, best: [best])
+    fit = SimpleNamespace(white=np.zeros(40_000))
+    base = SimpleNamespace(fitted=0.0, fit=fit, model=SimpleNamespace(effects=beside))
+    slow = SimpleNamespace(fitted=25.0, model=SimpleNamespace(names=("drift",)))
+    assert courses(None, None, base, [slow]) == ([slow] if again else [])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.dropouts import CERTAIN, dropouts, expected
+from ffl.diagnose.dropouts import CERTAIN, _searched, dropouts, expected
 from ffl.diagnose.unnamed import _lost
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -84,6 +84,17 @@ def test_a_bus_that_loses_commands_is_unnamed(stage, losing):  # type: ignore[no
     assert answer["location"]["component"] == "timing"
     assert set(answer["location"]["depends_on"]) == {"command", "time"}
     assert "did not arrive" in answer["location"]["where"]
+
+
+def test_too_many_lost_commands_are_not_counted_out(losing, scenes):  # type: ignore[no-untyped-def]
+    """More than so many of those that could be seen are a delay, whatever they bring."""
+    scene, _, model = scenes(losing)
+    whole, some = _searched(scene, model), _searched(scene, model, 0.5)
+    assert whole is not None
+    assert some is not None
+    assert (some.lost, some.gain, some.other) == (whole.lost, whole.gain, whole.other)
+    assert 0.01 < whole.rate < 0.5
+    assert _searched(scene, model, 0.01) is None
 
 
 def test_what_is_expected_of_lost_samples_counts_the_luck_of_the_noise():

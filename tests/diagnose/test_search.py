@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import search
+from ffl.diagnose import settle as settling
 from ffl.diagnose.judging import judge
 from ffl.diagnose.places import mass_is_corrected
 from ffl.diagnose.rounds import Outcome, Step
@@ -17,6 +18,7 @@ from ffl.systems.plant import EffectSpec
 
 THRESHOLD = 20.0
 FRICTION = EffectSpec("coulomb_friction", {"level": 2.0})
+STOP = EffectSpec("cogging", {"amplitude": 6.0, "period": 0.011, "phase": 0.4})
 SPRING = EffectSpec("hardening_spring", {"cubic_coefficient": 4e4, "centre": 0.02})
 
 
@@ -36,6 +38,61 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
     assert outcome.steps[0].turned_down.model.names == (first,)
     assert outcome.steps[1].accepted.model.names[-1] != first
     assert set(outcome.standing.model.names) == {"coulomb_friction", "hardening_spring"}
+
+
+@pytest.mark.parametrize(("true", "looked_for"), [((FRICTION,), False), ((FRICTION, STOP), True)])
+def test_sets_are_looked_for_where_no_single_effect_leaves_little_more_than_noise(
+    stage, record, scenes, monkeypatch, true, looked_for
+):
+    scene, held, model = scenes(record(replace(stage, effects=true)))
+    asked = []
+    monkeypatch.setattr(search, "starts", lambda *_: asked.append(1) or [])
+    search.contest(scene, held, model, THRESHOLD)
+    assert bool(asked) is looked_for
+
+
+def test_the_company_stands_once_while_those_kept_back_are_tried_in_it(
+    stage, record, scenes, monkeypatch
+):
+    """Nothing is fitted anew in between; rivals of before are not tried again."""
+    scene, held, model = scenes(record(replace(stage, effects=(FRICTION,))))
+    calls, only = [], []
+    own, tried = search.settle, settling.challengers
+
+    def settle(quiet, held, judged, steps, reserve, *rest):
+        found = own(quiet, held, judged, steps, reserve, *rest)
+        calls.append((quiet, judged.model, reserve, found[0].model))
+        return found
+
+    def challengers(*arguments):
+        only.append(arguments[-1])
+        return tried(*arguments)
+
+    monkeypatch.setattr(search, "settle", settle)
+    monkeypatch.setattr(settling, "challengers", challengers)
+    search.contest(scene, held, model, THRESHOLD)
+    (quiet, _, kept, stood), (again, judged, none, _) = calls
+    assert kept == settling.PLIABLE
+    assert none == frozenset()
+    assert again is quiet
+    assert judged is stood
+    assert only == [None, settling.PLIABLE]
+
+
+def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, monkeypatch):
+    scene, held, model = scenes(record(replace(stage, effects=(FRICTION,))))
+    nothing = judge(scene, held, model, rounds=10)
+    friction = judge(scene, held, model.with_effect(FRICTION), rounds=10)
+    assert friction.scene.noise != nothing.scene.noise
+    seen = []
+    own = search.on_the_line
+    monkeypatch.setattr(
+        search, "on_the_line", lambda held, judged: seen.append(judged.scene) or own(held, judged)
+    )
+    (first,) = search._claimants(scene, held, nothing, [friction], THRESHOLD)
+    assert first.model.names == ("coulomb_friction",)
+    assert len(seen) == 2
+    assert all(one is scene for one in seen)
 
 
 @pytest.mark.parametrize(
