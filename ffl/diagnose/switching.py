@@ -155,7 +155,6 @@ class Switching:
     resonance: float
     delay: int
     sample_time: float
-    hidden: bool  # the sensor sees the load, and the motor is where the loop holds it
 
     @classmethod
     def of(cls, model: Model) -> Switching | None:
@@ -194,7 +193,6 @@ class Switching:
             float(np.sqrt(stiffness * point.mobility)),
             mechanics.delay,
             step,
-            spec.options.get("measured") == "load" or any(m.sign < 0 for m in mechanics.modes),
         )
 
     def predict(self, trial: Trial, noise: Noise) -> tuple[Array, Array]:
@@ -235,8 +233,8 @@ class Switching:
 
     def _start(self, trial: Trial, noise: Noise) -> tuple[Array, Array]:
         """State at the first sample and its covariance: as the linear model has it, in doubt by the
-        play, within which a load that is measured may rest anywhere, and by what a rattle across it
-        moves at."""
+        play, by what a rattle across it moves at, and by what the first sample is off: in the gap, or in
+        a dead zone of the drive, a machine rests anywhere."""
         n = len(self.free)
         own = n - len(self.hung)
         known = np.vstack([np.eye(own), self.hung]) if len(self.hung) else np.eye(n)
@@ -245,6 +243,7 @@ class Switching:
         half = 0.5 * self.gap
         fast = 0.0 if trial.at_rest else self.resonance * self.sample_time * half
         p[:n, :n] = self.turn @ known @ trial.doubt[:own, :own] @ known.T @ self.turn.T
-        p[:n, :n] += np.diag([half**2, fast**2, noise.sensor**2 + self.hidden * half**2, fast**2])
+        off = trial.y[0] - x[2]
+        p[:n, :n] += np.diag([half**2, fast**2, noise.sensor**2 + off**2, fast**2])
         p[n, n], p[n + 1, n + 1] = noise.sensor_coloured**2, noise.force_coloured**2
         return x, p

@@ -10,7 +10,8 @@ from ffl.diagnose.judging import judge
 from ffl.diagnose.line import renamed
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, partly_coloured
-from ffl.diagnose.rattling import Hypothesis, needed, settled, start
+from ffl.diagnose.play import Hypothesis, settled, start
+from ffl.diagnose.rattling import beyond_prediction, needed
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -112,12 +113,24 @@ def test_the_play_is_found_by_prediction(plant, rattling):
     assert spec.options["damping"] == pytest.approx(0.04, rel=0.1)
 
 
-def test_a_measured_load_may_rest_anywhere_in_the_gap(plant, worn, rattling):
-    """Its first sample speaks against no play that is as wide."""
+@pytest.mark.parametrize("gap", [GAP, 1e-9])
+def test_a_machine_may_rest_anywhere(plant, worn, rattling, gap):
+    """Its first sample speaks neither for a play as wide nor against one: a dead zone lets it
+    rest there as well."""
     scene, model = scene_of(plant, rattling)
     first = replace(scene.trials[0], y=scene.trials[0].y + 0.4 * GAP)
-    ahead, _ = Hypothesis(replace(model, effects=worn.effects), NOISE).predict([first])
+    spec = replace(worn.effects[0], parameters={"gap": gap})
+    ahead, _ = Hypothesis(replace(model, effects=(spec,)), NOISE).predict([first])
     assert np.abs(ahead[:20]).max() < 6.0
+
+
+def test_a_play_is_judged_against_the_same_prediction_without_it(plant, rattling):
+    scene, model = scene_of(plant, rattling)
+    begun, levels = start(scene, model)
+    found = settled(begun, scene, levels)
+    assert min(beyond_prediction(found, scene, scene)) > 1000.0
+    sound, _ = scene_of(plant, records(plant))
+    assert max(beyond_prediction(found, sound, sound)) < 0.0
 
 
 def test_who_foretells_nothing_beside_the_play_goes(plant, worn, rattling):
