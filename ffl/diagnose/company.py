@@ -29,7 +29,8 @@ def separable(spec: EffectSpec) -> bool:
 
 
 def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:
-    """The trial with the command that reaches the machine and the position that the scale saw."""
+    """The trial with the command that reaches the machine and the position that the scale saw; what is not
+    separable stays."""
     u, y = trial.u, trial.y
     drive = [s for s in effects if _drives(EFFECTS[s.name])]
     if drive:
@@ -37,7 +38,7 @@ def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:
         u = u + run.contribution.sum(axis=1)
     for spec in effects:
         effect = EFFECTS[spec.name]
-        if _drives(effect):
+        if _drives(effect) or not separable(spec):
             continue
         added = effect.signal(spec, _motion(trial))
         u, y = (u + added, y) if effect.port == "command" else (u, y - added)

@@ -13,7 +13,7 @@ from ffl.diagnose.clip import clipping
 from ffl.diagnose.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.heard import with_modes_heard
 from ffl.diagnose.judging import judge, raw_error
-from ffl.diagnose.line import across_the_line, against_the_refused, renamed
+from ffl.diagnose.line import across_the_line, against_the_refused
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, fit_noise
 from ffl.diagnose.observer import decay_for, led, moving, needs_observer, with_observer
@@ -152,9 +152,7 @@ def _diagnose_output(
         scene = with_starts(scene, standing.model)
         held = with_starts(held.like(scene), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
-    if standing.predicted:
-        standing = renamed(standing)
-    else:
+    if not standing.predicted:
         standing = across_the_line(standing.scene, held, standing)
         standing, outcome = against_the_refused(held, standing, outcome)
     standing = with_modes_heard(held, standing)

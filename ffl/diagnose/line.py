@@ -133,23 +133,6 @@ def against_the_refused(
     return judged, replace(outcome, contenders={**outcome.contenders, name: contenders})
 
 
-def renamed(judged: Judged) -> Judged:
-    """`judged`, which no free run may fit anew, with a mass beyond the line as the effect it is: the
-    same number under its other name."""
-    model, spread = judged.model, _spread(judged, "mass")
-    change = model.corrections.get("mass", 0.0)
-    if abs(change) <= LINE or abs(change) < SURE * spread:
-        return judged
-    corrections = {k: v for k, v in model.corrections.items() if k != "mass"}
-    named = replace(model, corrections=corrections, held=model.held | {"mass"})
-    named = named.with_effect(EffectSpec("mass_change", {"change": change}, {"side": "all"}))
-    at = {c.key: k for k, c in enumerate(model.coordinates)}
-    at["effect", "change", len(model.effects), None] = at["correction", "mass", -1, None]
-    order = [at[c.key] for c in named.coordinates]
-    j, columns = judged.fit.jacobian[:, order], judged.fit.columns[:, order]
-    return replace(judged, fit=replace(judged.fit, model=named, jacobian=j, columns=columns))
-
-
 def _netted(held: Scene | None, judged: Judged) -> Judged:
     """An effect and the model's own number of the same kind are one number: where what they come to is
     within the line, or less than the model has, no effect is left. (A damping that acts at the motor and

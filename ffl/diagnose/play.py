@@ -159,7 +159,7 @@ def closed(found: Hypothesis, scene: Scene) -> Hypothesis:
     """The same without the gap, what is left fitted again."""
     model = replace(found.model, effects=found.model.effects[:-1])
     none = Hypothesis.of(model, NONE * model.base.travel, _forms(model)[0], scene.noise)
-    return _fitted(none, scene.trials)
+    return refitted(none, scene.trials)
 
 
 def _forms(model: Model) -> list[dict[str, Any]]:
@@ -200,16 +200,16 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
     best, most, last = begun, -np.inf, begun
     for loose in levels:
         noise = _loose(scene.noise, loose)
-        last = _moved(_fitted(replace(last, noise=noise), trials), trials)
+        last = _moved(refitted(replace(last, noise=noise), trials), trials)
         value = last.worth(scene.trials)
         if value > most:
             best, most = last, value
-    best = _moved(_fitted(best, scene.trials), scene.trials, LAST, mass=True)
-    best = _moved_along(_fitted(best, scene.trials), scene.trials)
-    return _fitted(best, scene.trials)
+    best = _moved(refitted(best, scene.trials), scene.trials, LAST, mass=True)
+    best = _moved_along(refitted(best, scene.trials), scene.trials)
+    return refitted(best, scene.trials)
 
 
-def _fitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+def refitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
     """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left."""
     doubts = np.array([c.doubt for c in point.model.coordinates])
     damping, worth = 1e-2, point.worth(trials)

@@ -15,18 +15,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.amounts import NAMES, claims, effect_values, sizes
 from ffl.diagnose.company import separable
 from ffl.diagnose.fit import Fit
 from ffl.diagnose.freeform import free_form
 from ffl.diagnose.judging import Judged
+from ffl.diagnose.line import SURE
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, partly_coloured
-from ffl.diagnose.play import GRIDS, LOOSENESS, Hypothesis, closed, settled, start
+from ffl.diagnose.places import Place, places_of
+from ffl.diagnose.play import GRIDS, LOOSENESS, Hypothesis, closed, refitted, settled, start
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.settle import KEEP
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.unrest import without_unrest
+from ffl.systems.plant import EffectSpec
 
 QUIET = 2  # levels spared where what is left is no louder than stated noise
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
@@ -61,7 +65,7 @@ def with_rattling(
     begun, levels = start(scene, told, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
-    found = needed(settled(begun, scene, levels), scene.trials)
+    found = crossed(needed(settled(begun, scene, levels), scene.trials), scene)
     fitted, factor = found.scaled(scene.trials)
     found = replace(found, noise=found.noise.scaled(factor))
     judged = _judged(found, scene, held, fitted)
@@ -69,10 +73,8 @@ def with_rattling(
         return outcome
     before = replace(standing, held_out=_plain(standing, held))
     ahead = judged.held_out - before.held_out
-    if (
-        min(judged.score - before.score - ahead, ahead, *beyond_prediction(found, scene, held))
-        < CLEAR
-    ):
+    gains = (judged.score - before.score - ahead, ahead, *beyond_prediction(found, scene, held))
+    if min(gains) < CLEAR:
         return outcome
     name = (*before.model.names, "nothing")[0]
     step = Step(before, (), (judged,), judged)
@@ -95,6 +97,39 @@ def needed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
         bare = replace(found, model=found.model.without(found.model.names.index(name)))
         found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
     return found
+
+
+def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:
+    """With a mass or damping beyond the contract's line as the effect it is, where it foretells best;
+    free runs of a loop that rattles would not find the way."""
+    for name in ("mass", "damping"):
+        model = found.model
+        size = sizes(scene, model).get(name, 0.0)
+        if not claims(name, size) or abs(model.corrections[name]) < SURE * _spread(
+            found, scene, name
+        ):
+            continue
+        corrections = {k: v for k, v in model.corrections.items() if k != name}
+        bare = replace(model, corrections=corrections, held=model.held | {name})
+        places = [Place("force", "all")] if name == "mass" else places_of(model)
+        tried = []
+        for place in places:
+            spec = EffectSpec(NAMES[name], effect_values(model, name), place.options)
+            joined = replace(found, model=replace(bare, effects=(spec, *model.effects)))
+            tried.append(joined if name == "mass" else refitted(joined, scene.trials))
+        found = max(tried, key=lambda h: h.worth(scene.trials))
+    return found
+
+
+def _spread(found: Hypothesis, scene: Scene, name: str) -> float:
+    """Standard error of a correction."""
+    foretold = found.predict(scene.trials)
+    if foretold is None:
+        return np.inf
+    columns = found.columns(scene.trials, foretold[0])
+    fit = Fit(found.model, foretold[0], columns, columns, "converged")
+    at = [c.key[:2] for c in found.model.coordinates].index(("correction", name))
+    return float(fit.spread[at])
 
 
 def _mapped(scene: Scene, held: Scene, told: Model) -> bool:

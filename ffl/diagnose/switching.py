@@ -135,7 +135,7 @@ def _filter(y, u, x, p, moves, pushes, kick, spread, rows, law, white, again, su
 @dataclass(frozen=True)
 class Switching:
     """The plant of a model whose last effect is a backlash with a contact, ready to predict; of others
-    nothing is in it.
+    what belongs to the linear part is in it.
 
     In the order stretch, rate and output, its rate (rates times the sample time) the states have
     like sizes, which a covariance needs.
@@ -163,6 +163,9 @@ class Switching:
         spec = model.effects[-1]
         effect = EFFECTS[spec.name]
         linear = corrected(model.base.simulator.mechanics, dict(model.corrections))
+        for other in model.effects[:-1]:
+            setting = Setting(model.base.simulator.force_per_input, linear, other.options)
+            linear = EFFECTS[other.name].modify(linear, other.parameters, setting)
         setting = Setting(model.base.simulator.force_per_input, linear, spec.options)
         mechanics = effect.modify(linear, spec.parameters, setting)
         setting = replace(setting, mechanics=mechanics)
