@@ -9,10 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ffl.diagnose.company import without
+from ffl.diagnose.as_sent import as_sent
+from ffl.diagnose.coordinate import Coordinate
 from ffl.diagnose.fit import Fit, jacobian
 from ffl.diagnose.mapped import Mapped
-from ffl.diagnose.model import Coordinate, Model
+from ffl.diagnose.model import Model
 from ffl.diagnose.places import Place
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen
@@ -92,6 +93,15 @@ class FreeModel:
             return None
         return run, {p: _seen(run.motion(*k), p, trial) for p, k in pairs}
 
+    def follow(
+        self, trial: Trial, places: Sequence[Place] = ()
+    ) -> tuple[Simulation, dict[Place, Motion]] | None:
+        """`simulate` behind the model's drive, as its own output is."""
+        sent = as_sent(trial, self.model.drive) if self.model.drive else None
+        if sent is None:
+            return self.simulate(trial, places)
+        return FreeModel(self.model.behind, self.parts).simulate(sent, places)
+
     def beside(self, part: Part) -> FreeModel:
         """With one more map."""
         return FreeModel(self.model, (*self.parts, part))
@@ -112,9 +122,9 @@ class FreeModel:
         return FreeModel(self.model.at(theta), self.parts)
 
     def output(self, trial: Trial) -> Array | None:
-        """y of the free run, None where there is no such machine or it leaves all bounds."""
+        """y of the run, None where there is no such machine or it leaves all bounds."""
         try:
-            found = self.simulate(trial)
+            found = self.follow(trial)
         except InputError:
             return None
         return None if found is None else found[0].y
@@ -178,22 +188,6 @@ class FreeModel:
         return behind_sensor(simulator, start, added)
 
 
-def as_sent(scene: Scene, model: Model) -> list[Array] | None:
-    """y - yhat of each recording where the effects of `model` that change the command see it as it was
-    recorded, as a map beside the command may; None where there are none, or a command is unknown."""
-    told = [e for e in model.effects if EFFECTS[e.name].depends_on == ("command",)]
-    told = [e for e in told if EFFECTS[e.name].port == "command"]
-    known = all(np.all(np.isfinite(trial.u)) for trial in scene.trials)
-    if not told or not known:
-        return None
-    others = replace(model, effects=tuple(e for e in model.effects if e not in told))
-    trials = []
-    for trial in scene.trials:
-        taken = without(trial, told).u - trial.u
-        trials.append(replace(trial, load=taken if trial.load is None else trial.load + taken))
-    return replace(scene, trials=tuple(trials)).residuals(others)
-
-
 class Running:
     """A model with maps as `starts` runs it."""
 
@@ -211,7 +205,7 @@ class Running:
 def motions_of(
     free: FreeModel, scene: Scene, places: Sequence[Place]
 ) -> list[dict[Place, Motion]] | None:
-    found = [free.simulate(trial, list(dict.fromkeys(places))) for trial in scene.trials]
+    found = [free.follow(trial, list(dict.fromkeys(places))) for trial in scene.trials]
     return None if any(f is None for f in found) else [f[1] for f in found if f is not None]
 
 
@@ -230,7 +224,7 @@ class Run:
 def run_of(scene: Scene, free: FreeModel) -> Run | None:
     """None where a simulation leaves all bounds."""
     try:
-        found = [free.simulate(trial) for trial in scene.trials]
+        found = [free.follow(trial) for trial in scene.trials]
     except InputError:
         return None
     runs = [f for f in found if f is not None]

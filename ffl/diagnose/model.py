@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.as_sent import as_sent, is_static
+from ffl.diagnose.coordinate import Coordinate, number_of
 from ffl.diagnose.linear import Correction, corrected_plant, corrections_of, simulator_with
 from ffl.diagnose.trials import Trial, start_of
 from ffl.effects import EFFECTS
@@ -24,57 +26,11 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
     "position_dependent_friction": ("level",),
     "outflow": ("centre",),
 }
-REACH = {"displacement": 1.6, "period": 0.05, "frequency": 0.3, "exponent": 0.9}  # logarithms
-DAMPED = 0.05  # of critical: a change of a contact's damping that matters
 WALL = 5.0  # times the median of a table: what is believed of its levels
-PLACE = 0.1  # of the travel: a change of place that matters
-LOBE = 0.5  # of a period over the travel: how far a start may be from the period it stands for
-# Below one half Bouc and Wen's force gives back more than it took on a closed path (at 0 it forgets the
-# path and is a spring that gives way: gravity on a joint passed for it).
-PASSIVE = {("hysteresis", "beta"): 0.5}
-# Above one it is stiffer on the way back than ever on the way out, which is what hardens, not saturates.
-MOST_BACK = 1.0
-# Presliding friction and hysteresis are one law at two lengths: a contact that gives way over a
-# small part of the travel before it slides, a force that remembers the path over a large one.
-CONTACT = 0.025  # of the travel
-ROOM = 0.9  # of the mass at a point that may hang on a spring
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 TABLE = "position_dependent_friction"  # the same where its contact gives way
 MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13 times the time
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
-STEP = 2e-3  # of a coordinate's scale: difference step; stick-slip makes smaller ones noisy
-LOG_STEP = 4e-3
-TURN = 0.05  # rad: by which a difference step of a period or a frequency may move the last wave
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """One free number: `kind` ('correction', 'given', 'effect', 'option'), where it sits, how it is
-    stepped.
-
-    'given' numbers belong to the effects that the plant file itself states. `log` coordinates are
-    fitted as logarithms. `place` is the index within a table.
-    """
-
-    kind: str
-    name: str
-    effect: int = -1
-    place: tuple[str, int] | None = None
-    scale: float = 1.0
-    lower: float = -np.inf
-    upper: float = np.inf
-    log: bool = False
-    doubt: float = np.inf  # standard deviation of what is believed of it, about zero
-    finest: float = np.inf  # most that a difference step may be
-
-    @property
-    def key(self) -> tuple[str, str, int, tuple[str, int] | None]:
-        """What it is the number of."""
-        return self.kind, self.name, self.effect, self.place
-
-    @property
-    def step(self) -> float:
-        return min(LOG_STEP if self.log else STEP * self.scale, self.finest)
 
 
 @dataclass(frozen=True)
@@ -170,11 +126,28 @@ class Model:
             return None
         return None if run.diverged else run
 
+    @cached_property
+    def drive(self) -> tuple[EffectSpec, ...]:
+        """What bends or limits the command of a closed loop: fed with it as recorded (`as_sent`)."""
+        closed = self.base.plant.controller is not None
+        return tuple(spec for spec in self.effects if closed and is_static(spec))
+
+    @cached_property
+    def behind(self) -> Model:
+        """The machine behind its drive."""
+        if not self.drive:
+            return self
+        other = replace(self, effects=tuple(s for s in self.effects if s not in self.drive))
+        object.__setattr__(other, "substeps", self.substeps)
+        return other
+
     def output(self, trial: Trial) -> Array | None:
-        """y of `attempt`, simulated once: what is judged, weighed and begun from is often the same."""
+        """y of `attempt`, behind the drive, simulated once: what is judged, weighed and begun from is often
+        the same."""
         known = self._outputs.get(trial.drive)
         if known is None:
-            run = self.attempt(trial)
+            sent = as_sent(trial, self.drive) if self.drive else None
+            run = self.attempt(trial) if sent is None else self.behind.attempt(sent)
             if run is None:
                 return None
             known = trial, run.y
@@ -232,7 +205,7 @@ class Model:
                         for j in range(len(value[key])):
                             yield Coordinate(kind, name, i, (key, j), size, 0.0, doubt=doubt)
                     continue
-                yield self._number(kind, i, spec, parameter, float(value))
+                yield number_of(self.base, kind, i, spec, parameter, float(value))
             if kind == "effect":
                 for name, (_, low, high) in effect.free_options(spec.options).items():
                     yield Coordinate(
@@ -240,67 +213,6 @@ class Model:
                     )
         if kind == "effect" and self.mass_ratio is not None:  # one machine has one
             yield Coordinate("option", "mass_ratio", -1, None, 1.0, np.log(0.05), np.log(20), True)
-
-    def _number(self, kind: str, i: int, spec: EffectSpec, parameter, value: float) -> Coordinate:  # type: ignore[no-untyped-def]
-        lower, upper = parameter.lower, parameter.upper
-        if not parameter.linear and lower >= 0 and value > 0:
-            at = float(np.log(value))
-            reach = REACH.get(parameter.name, 3.0)
-            if parameter.name == "period":  # half of the lobe that so many periods make
-                travel = self.base.travel or np.inf
-                reach = float(np.clip(LOBE * value / travel, reach, 0.3))
-                upper = max(min(upper, travel), value)  # what does not come again is no period
-            low = max(np.log(lower), at - reach) if lower > 0 else at - reach
-            own = (spec.name, parameter.name, spec.options.get("kind", "saturating"))
-            upper = MOST_BACK if own == ("hysteresis", "beta", "saturating") else upper
-            high = min(np.log(upper), at + reach)
-            low = max(low, self._shortest(spec, parameter.name))
-            least = PASSIVE.get((spec.name, parameter.name), 0.0)
-            low = max(low, np.log(least)) if least else low
-            high = max(high, low + 0.1)
-            waves = self._waves(spec, parameter.name, value)
-            finest = TURN / (2.0 * np.pi * max(waves, 1e-3))
-            return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True, finest=finest)
-        alike = [
-            abs(float(spec.parameters[p.name]))
-            for p in EFFECTS[spec.name].parameters
-            if p.unit == parameter.unit and isinstance(spec.parameters.get(p.name), int | float)
-        ]
-        scale = max(abs(value), 0.3 * max(alike, default=0.0), 1e-12)
-        if parameter.unit == "rad":
-            scale = 1.0
-        if parameter.unit == "x" and lower == -np.inf:  # a place: 0 is one like any other
-            scale = max(scale, PLACE * self.base.travel)
-        if parameter.name == "micro_damping":
-            moved = self.base.simulator.mechanics.moving_mass * self.base.simulator.force_per_input
-            critical = 2.0 * float(np.sqrt(spec.parameters["stiffness"] * moved))
-            scale = max(scale, DAMPED * critical)
-        if parameter.name == "mass_fraction":
-            upper = min(upper, ROOM * self._mass_at(spec))
-        return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
-
-    def _waves(self, spec: EffectSpec, name: str, value: float) -> float:
-        """Waves of this period over the travel, or of this frequency until the last sample; 0: no wave."""
-        if name == "period":
-            return self.base.travel / value
-        over_time = EFFECTS[spec.name].scan == "time" and name == "frequency"
-        return self.base.until * value if over_time else 0.0
-
-    def _mass_at(self, spec: EffectSpec) -> float:
-        """Mass at the effect's point over the moving mass: more cannot be cut off there."""
-        mechanics = self.base.simulator.mechanics
-        side = str(spec.options.get("side", EFFECTS[spec.name].default_side))
-        mobility = mechanics.point(side, spec.options.get("mass_ratio")).mobility
-        return 1.0 / (mobility * mechanics.moving_mass) if mobility > 0 else 1.0
-
-    def _shortest(self, spec: EffectSpec, name: str) -> float:
-        """Logarithm of the least value that keeps presliding friction and hysteresis apart."""
-        length = CONTACT * self.base.travel
-        if length > 0 and (spec.name, name) == ("hysteresis", "displacement"):
-            return float(np.log(length))
-        if length > 0 and (spec.name, name) == ("presliding_friction", "stiffness"):
-            return float(np.log(spec.parameters["level"] / (1.4 * length)))
-        return -np.inf
 
     @cached_property
     def theta(self) -> Array:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.company import without
+from ffl.diagnose.coordinate import Coordinate
 from ffl.diagnose.fit import surprise
 from ffl.diagnose.linear import BOUND
-from ffl.diagnose.model import Coordinate, Model
+from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.switching import Switching

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ffl.diagnose.model import Coordinate, Model
+from ffl.diagnose.coordinate import Coordinate
+from ffl.diagnose.model import Model
 from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.trials import Trial
 from ffl.diagnose.whitening import Whitener

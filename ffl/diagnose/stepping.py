@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.model import Coordinate, Model
+from ffl.diagnose.coordinate import Coordinate
+from ffl.diagnose.model import Model
 from ffl.diagnose.triangle import lengths, triangle
 from ffl.systems.state_space import Array
 

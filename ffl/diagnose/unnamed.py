@@ -16,10 +16,8 @@ from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.formula import Formula, formula
 from ffl.diagnose.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
 from ffl.diagnose.freemodel import (
-    SENT,
     FreeScreen,
     Part,
-    as_sent,
 )
 from ffl.diagnose.imitate import Imitation, imitated
 from ffl.diagnose.judging import BOTH, LOST, OPEN, UNTOLD, promise
@@ -239,21 +237,8 @@ def _told(scene: Scene, standing: Model, left: list[Array], before: list[Array])
 def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
     """Sum of squares that the names leave in the fitted recordings, under the maps' noise."""
     quiet = scene.like(alone.scene)
-    left = _left(quiet, standing, alone)
+    left = quiet.residuals(standing)
     return np.inf if left is None else float(np.sum(quiet.whiten(left) ** 2))
-
-
-def _left(scene: Scene, names: Model, alone: FreeForm) -> list[Array] | None:
-    """What `names` leave, None where they run away. Where the maps saw the command as it was recorded,
-    what the names do to the command may see it too: in a dead zone noise moves the machine unheld, and
-    who knows the command knows where it went."""
-    left = scene.residuals(names)
-    if left is None or not any(p.place.side == SENT for p in alone.parts):
-        return left
-    told = as_sent(scene, names)
-    if told is None or np.sum(scene.whiten(told) ** 2) > np.sum(scene.whiten(left) ** 2):
-        return left
-    return told
 
 
 def _gains(
@@ -263,7 +248,7 @@ def _gains(
     the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
     fitted ones leave open is no map's."""
     quiet = scene.like(alone.scene)
-    left = _left(quiet, standing, alone)
+    left = quiet.residuals(standing)
     if left is None:
         return np.inf, np.inf, np.inf
     all_of_it = np.ones(len(alone.white), bool)
@@ -276,7 +261,7 @@ def _gains(
         rivals.append(bare)
     gained, promised = [], []
     for rival in rivals:
-        left = _left(judged, rival, alone)
+        left = judged.residuals(rival)
         white = np.full(len(alone.held_white), np.inf)
         if left is not None:
             white = judged.judge(left, alone.known)
@@ -295,7 +280,7 @@ def _nearly(
         judged = held.like(alone.scene)
         sets.append((judged, alone.held_white, alone.known))
     for ground, white, known in sets:
-        none, named = ground.residuals(bare), _left(ground, standing, alone)
+        none, named = ground.residuals(bare), ground.residuals(standing)
         if none is None or named is None:
             return False
         whole, some, least = (

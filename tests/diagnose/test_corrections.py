@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ffl.diagnose.coordinate import Coordinate
 from ffl.diagnose.corrections import corrections
 from ffl.diagnose.linear import corrected, corrected_plant, corrections_of
-from ffl.diagnose.model import Base, Coordinate
+from ffl.diagnose.model import Base
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Plant, Zpk, load_plant
 
