@@ -9,8 +9,9 @@ from ffl.challenge.make import null_case
 from ffl.diagnose import diagnose
 from ffl.diagnose.colour import colouring, loop_of
 from ffl.diagnose.conclude import within_a_turn
+from ffl.diagnose.coordinate import LOG_STEP, TURN
 from ffl.diagnose.fit import Fit
-from ffl.diagnose.model import LOG_STEP, TURN, Base, Model
+from ffl.diagnose.model import Base, Model
 from ffl.diagnose.places import places_of
 from ffl.recordings import read_recording
 from ffl.systems import EffectSpec, load_plant
