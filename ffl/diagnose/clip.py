@@ -17,9 +17,9 @@ from ffl.systems.state_space import Array
 RUN = 8  # samples at the limit in a row
 MOVES = 0.01  # of the drive's range: what it must move meanwhile
 WIDE = 8.0  # standard deviations of the stated sensor noise that count as one value
-# A machine that sticks where it turns stands still there too, but it arrives slowly, and at another
-# place every time.
-VISITS = 2  # at least, at one value within the sensor's noise
+# A machine that sticks where it turns stands still there too, and so does one seen through a play, but
+# they arrive slowly, and at another place every time.
+VISITS = 2  # at least, at one value within the sensor's noise; to the last digit one is enough
 SUDDEN = 0.3  # of the RMS speed at arrival, in the median
 
 
@@ -37,7 +37,7 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
                 for values, speed in _visits(r, top - wide):
                     stood.append(values)
                     speeds.append(speed)
-        if not stood or (wide and (len(stood) < VISITS or np.median(speeds) < SUDDEN)):
+        if len(stood) < (VISITS if wide else 1) or np.median(speeds) < SUDDEN:
             continue
         level = top if not wide else float(np.mean(np.concatenate(stood)))
         return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})
