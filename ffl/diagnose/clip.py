@@ -19,7 +19,8 @@ MOVES = 0.01  # of the drive's range: what it must move meanwhile
 WIDE = 8.0  # standard deviations of the stated sensor noise that count as one value
 # A machine that sticks where it turns stands still there too, and so does one seen through a play, but
 # they arrive slowly, and at another place every time.
-VISITS = 2  # at least, at one value within the sensor's noise; to the last digit one is enough
+VISITS = 2  # at least, at one value within the sensor's noise; to the last digit one of the three is enough
+LASTS = 0.01  # of all samples: together at its limit
 SUDDEN = 0.3  # of the RMS speed at arrival, in the median
 
 
@@ -37,7 +38,9 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
                 for values, speed in _visits(r, top - wide):
                     stood.append(values)
                     speeds.append(speed)
-        if len(stood) < (VISITS if wide else 1) or np.median(speeds) < SUDDEN:
+        again, sudden = len(stood) >= VISITS, bool(stood) and np.median(speeds) >= SUDDEN
+        lasts = sum(map(len, stood)) >= LASTS * sum(map(len, recordings))
+        if not (again and sudden if wide else again or sudden or lasts):
             continue
         level = top if not wide else float(np.mean(np.concatenate(stood)))
         return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})

@@ -189,6 +189,24 @@ def _swinging(top: float, rest: int = 0) -> Recording:
     return Recording(t=t, r=0 * t, f=u, u=u, y=y, d=None, sample_time=1e-3, source="made here")
 
 
+def test_a_play_that_turns_once_at_the_top_is_no_limit():
+    """To the last digit it stands still there, as an encoder shows it, but it came slowly and once."""
+    step = 1e-3
+    x = np.cumsum(np.sin(2 * np.pi * np.arange(4000) / 400.0)) * np.linspace(0.5, 1.0, 4000)
+    y = np.empty(4000)
+    edge = 0.0
+    for k, place in enumerate(x):
+        edge = min(max(edge, place - 4.0), place + 4.0)
+        y[k] = np.round(edge / 1e-4) * 1e-4
+    plant = Plant("stage", Zpk([], [0.8, 0.9], 1e-6, step), None, machine=NOISY_SENSOR)
+    t = step * np.arange(4000)
+    assert clipping(plant, [replace(_swinging(1.0, 0), t=t, r=0 * t, f=x, u=x, y=y)]) is None
+    limit = np.minimum(y, 0.9 * y.max())
+    found = clipping(plant, [replace(_swinging(1.0, 0), t=t, r=0 * t, f=x, u=x, y=limit)])
+    assert found is not None
+    assert found.parameters["level"] == pytest.approx(0.9 * y.max())
+
+
 @pytest.mark.parametrize(
     ("top", "rest", "seen"), [(8e-4, 0, True), (2e-3, 0, False), (2e-3, 30, False)]
 )
