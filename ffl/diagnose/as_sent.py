@@ -5,8 +5,8 @@ run, which takes part in none of it, says little of what was left out. What it l
 slow effects that are not there take some of it off. With the command as recorded taken through the
 drive, u' = D(u), the rest is the linear loop with d = u' - u beside its command,
     y - y'_sim = S (P w + v),
-whose noise is stationary again and whitened exactly: log p(y | u) of the same samples. Delays and lags
-stay in the simulation, which has them within a sample too.
+whose noise is stationary again and whitened exactly: log p(y | u) of the same samples. Where the command
+goes through other effects as well, delays say, d is what all of them make of it less what the others do.
 """
 
 from __future__ import annotations
@@ -16,21 +16,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.company import without
+from ffl.diagnose.company import separable, without
 from ffl.diagnose.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 
 
-def is_static(spec: EffectSpec) -> bool:
+def bends(spec: EffectSpec) -> bool:
     """Whether the effect makes of each command another one, whatever was before."""
     effect = EFFECTS[spec.name]
     return effect.port == "command" and tuple(effect.depends_on) == ("command",)
 
 
-def as_sent(trial: Trial, drive: Sequence[EffectSpec]) -> Trial | None:
-    """The trial for a simulation behind the `drive`; None where the command was not recorded."""
-    if not np.all(np.isfinite(trial.u)):
+def as_sent(trial: Trial, effects: Sequence[EffectSpec]) -> Trial | None:
+    """The trial for a simulation of `effects` without those that bend the command; None where it was not
+    recorded, or goes through one that cannot be followed without the machine."""
+    through = [spec for spec in effects if EFFECTS[spec.name].port == "command"]
+    if not np.all(np.isfinite(trial.u)) or not all(map(separable, through)):
         return None
-    made = without(trial, drive).u - trial.u
+    others = [spec for spec in through if not bends(spec)]
+    made = without(trial, through).u - without(trial, others).u
     return replace(trial, load=made if trial.load is None else trial.load + made)

@@ -7,6 +7,7 @@ from sample to sample by a plant without them.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -29,19 +30,19 @@ def separable(spec: EffectSpec) -> bool:
 
 
 def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:
-    """The trial with the command that reaches the machine and the position that the scale saw; what is not
-    separable stays."""
+    """The trial with the command that reaches the machine, through one effect after the other, and the
+    position that the scale saw; what is not separable stays."""
     u, y = trial.u, trial.y
-    drive = [s for s in effects if _drives(EFFECTS[s.name])]
-    if drive:
-        run = _drive(trial.sample_time).run(drive, feedforward=u, before=trial.before)
-        u = u + run.contribution.sum(axis=1)
-    for spec in effects:
-        effect = EFFECTS[spec.name]
-        if _drives(effect) or not separable(spec):
+    own = [spec for spec in effects if separable(spec)]
+    for driven, group in itertools.groupby(own, lambda spec: _drives(EFFECTS[spec.name])):
+        if driven:
+            run = _drive(trial.sample_time).run(list(group), feedforward=u, before=trial.before)
+            u = u + run.contribution.sum(axis=1)
             continue
-        added = effect.signal(spec, _motion(trial))
-        u, y = (u + added, y) if effect.port == "command" else (u, y - added)
+        for spec in group:
+            effect = EFFECTS[spec.name]
+            added = effect.signal(spec, _motion(replace(trial, u=u)))
+            u, y = (u + added, y) if effect.port == "command" else (u, y - added)
     return replace(trial, u=u, y=y)
 
 

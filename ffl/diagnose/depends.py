@@ -23,7 +23,7 @@ def needed_variables(
     nothing is said: wherever the command's blocks go, they warm nearly alike."""
     if feels_heat(part.term):
         return {}
-    motions = [free.simulate(trial, [part.place]) for trial in screen.scene.trials]
+    motions = [free.follow(trial, [part.place]) for trial in screen.scene.trials]
     if any(m is None for m in motions):
         return {}
     along = [m[1] for m in motions if m is not None]

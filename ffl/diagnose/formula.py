@@ -95,7 +95,7 @@ def formula(
 ) -> Formula | None:
     """The formula of map `index` beside the other maps; `scale`: of its signal to its unit."""
     part = free.parts[index]
-    motions = [free.simulate(trial, [part.place]) for trial in screen.scene.trials]
+    motions = [free.follow(trial, [part.place]) for trial in screen.scene.trials]
     if any(m is None for m in motions):
         return None
     along = [m[1] for m in motions if m is not None]

@@ -172,7 +172,7 @@ def _judged(
     white, known = np.zeros(0), np.zeros(0, bool)
     if held is not None and held.trials:
         held = with_warmth(held.like(scene), free)
-        runs = [free.simulate(trial) for trial in held.trials]
+        runs = [free.follow(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
         known = np.concatenate([_known(free, r[0].x, held) for r in runs if r])

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ffl.diagnose.as_sent import as_sent
 from ffl.diagnose.coordinate import Coordinate
 from ffl.diagnose.fit import Fit, jacobian
 from ffl.diagnose.mapped import Mapped
@@ -96,11 +95,9 @@ class FreeModel:
     def follow(
         self, trial: Trial, places: Sequence[Place] = ()
     ) -> tuple[Simulation, dict[Place, Motion]] | None:
-        """`simulate` behind the model's drive, as its own output is."""
-        sent = as_sent(trial, self.model.drive) if self.model.drive else None
-        if sent is None:
-            return self.simulate(trial, places)
-        return FreeModel(self.model.behind, self.parts).simulate(sent, places)
+        """`simulate` behind what bends the command, as the model itself is judged."""
+        machine, (own,) = self.model.judged_on([trial])
+        return FreeModel(machine, self.parts).simulate(own, places)
 
     def beside(self, part: Part) -> FreeModel:
         """With one more map."""
@@ -194,11 +191,11 @@ class Running:
     def __init__(self, free: FreeModel) -> None:
         self.free, self.base, self.acting = free, free.model.base, free.model.acting
 
-    def simulate(self, trial: Trial) -> Simulation:
-        found = self.free.simulate(trial)
+    def follow(self, trial: Trial) -> Simulation:
+        found = self.free.follow(trial)
         if found is not None:
             return found[0]
-        run = self.free.model.simulate(trial)
+        run = self.free.model.follow(trial)
         return replace(run, y=np.full(len(trial), np.nan))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.as_sent import as_sent, is_static
+from ffl.diagnose.as_sent import as_sent, bends
 from ffl.diagnose.coordinate import Coordinate, number_of
 from ffl.diagnose.linear import Correction, corrected_plant, corrections_of, simulator_with
 from ffl.diagnose.trials import Trial, start_of
@@ -118,36 +118,46 @@ class Model:
         """Made ready once: every recording is run with it."""
         return self.simulator.prepare(self.acting, self.substeps)
 
+    @cached_property
+    def behind(self) -> Model:
+        """The machine behind all that bends the command of a closed loop, if something found does: those
+        are fed with it as recorded (`as_sent`). Else the model itself."""
+        if self.base.plant.controller is None or not any(map(bends, self.effects)):
+            return self
+        effects, given = (
+            tuple(s for s in specs if not bends(s)) for specs in (self.effects, self.stated)
+        )
+        other = replace(self, effects=effects, given=given)
+        object.__setattr__(other, "substeps", self.substeps)
+        return other
+
+    def judged_on(self, trials: Sequence[Trial]) -> tuple[Model, list[Trial]]:
+        """The machine and the recordings that it is judged on: behind its drive, where all commands are
+        known."""
+        if self.behind is not self:
+            sent = [as_sent(trial, self.acting) for trial in trials]
+            if all(trial is not None for trial in sent):
+                return self.behind, [trial for trial in sent if trial is not None]
+        return self, list(trials)
+
+    def follow(self, trial: Trial, watch: Sequence[tuple[str, float | None]] = ()) -> Simulation:
+        """The run that the model is judged by; `simulate` but for what bends the command."""
+        machine, (own,) = self.judged_on([trial])
+        return machine.simulate(own, watch)
+
     def attempt(self, trial: Trial) -> Simulation | None:
-        """`simulate`, None where there is no such machine or it leaves all bounds."""
+        """`follow`, None where there is no such machine or it leaves all bounds."""
         try:
-            run = self.simulate(trial)
+            run = self.follow(trial)
         except InputError:
             return None
         return None if run.diverged else run
 
-    @cached_property
-    def drive(self) -> tuple[EffectSpec, ...]:
-        """What bends or limits the command of a closed loop: fed with it as recorded (`as_sent`)."""
-        closed = self.base.plant.controller is not None
-        return tuple(spec for spec in self.effects if closed and is_static(spec))
-
-    @cached_property
-    def behind(self) -> Model:
-        """The machine behind its drive."""
-        if not self.drive:
-            return self
-        other = replace(self, effects=tuple(s for s in self.effects if s not in self.drive))
-        object.__setattr__(other, "substeps", self.substeps)
-        return other
-
     def output(self, trial: Trial) -> Array | None:
-        """y of `attempt`, behind the drive, simulated once: what is judged, weighed and begun from is often
-        the same."""
+        """y of `attempt`, simulated once: what is judged, weighed and begun from is often the same."""
         known = self._outputs.get(trial.drive)
         if known is None:
-            sent = as_sent(trial, self.drive) if self.drive else None
-            run = self.attempt(trial) if sent is None else self.behind.attempt(sent)
+            run = self.attempt(trial)
             if run is None:
                 return None
             known = trial, run.y

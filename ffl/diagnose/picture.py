@@ -39,7 +39,7 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     part = free.parts[index]
     best: tuple[float, Trial] | None = None
     for trial in scene.trials:
-        found = free.simulate(trial, [part.place])
+        found = free.follow(trial, [part.place])
         if found is None:
             return None
         size = float(np.sum(part.signal(found[1][part.place]) ** 2))
@@ -48,7 +48,7 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     if best is None:
         return None
     trial = best[1]
-    found = free.simulate(trial, [part.place])
+    found = free.follow(trial, [part.place])
     assert found is not None
     motion = found[1][part.place]
     signal = part.signal(motion)

@@ -156,11 +156,14 @@ def start(
     return None, levels
 
 
-def closed(found: Hypothesis, scene: Scene) -> Hypothesis:
-    """The same without the gap, what is left fitted again."""
+def closed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """The same without a gap, all else fitted again: in contact throughout, or as the plant file has it."""
     model = replace(found.model, effects=found.model.effects[:-1])
-    none = Hypothesis.of(model, NONE * model.base.travel, _forms(model)[0], scene.noise)
-    return refitted(none, scene.trials)
+    none, tried = NONE * model.base.travel, []
+    for form in (found.model.effects[-1].options, _forms(model)[0]):
+        bare = Hypothesis.of(model, none, form, found.noise)
+        tried.append(refitted(bare, trials, fixed=(bare.gap_at,)))
+    return max(tried, key=lambda h: h.worth(trials))
 
 
 def _forms(model: Model) -> list[dict[str, Any]]:
@@ -210,8 +213,9 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
     return refitted(best, scene.trials)
 
 
-def refitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
-    """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left."""
+def refitted(point: Hypothesis, trials: Sequence[Trial], fixed: Sequence[int] = ()) -> Hypothesis:
+    """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left; numbers `fixed`
+    stay."""
     doubts = np.array([c.doubt for c in point.model.coordinates])
     damping, worth = 1e-2, point.worth(trials)
     for _ in range(ROUNDS):
@@ -220,6 +224,7 @@ def refitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
             return point
         theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
         white, j = found[0] / factor, point.columns(trials, found[0]) / factor
+        j[:, list(fixed)] = 0.0
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
         before = worth
@@ -227,6 +232,7 @@ def refitted(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
             table = np.vstack([j, np.diag(pull), np.sqrt(damping) * np.diag(size)])
             wanted = np.concatenate([white, -pull * theta, np.zeros(len(theta))])
             step = np.linalg.lstsq(table / size, wanted, rcond=None)[0] / size
+            step[list(fixed)] = 0.0
             tried = point.at(theta + step)
             value = tried.worth(trials)
             if value > worth:

@@ -78,7 +78,8 @@ def with_rattling(
         return outcome
     name = (*before.model.names, "nothing")[0]
     step = Step(before, (), (judged,), judged)
-    kept = {k: v for k, v in outcome.contenders.items() if k in judged.model.names}
+    names = {spec.name for spec in beside}
+    kept = {k: v for k, v in outcome.contenders.items() if k in names & set(judged.model.names)}
     contenders = {**kept, "backlash": [("backlash", judged), (name, before)]}
     return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
 
@@ -86,7 +87,7 @@ def with_rattling(
 def beyond_prediction(found: Hypothesis, scene: Scene, held: Scene) -> tuple[float, float]:
     """What the gap brings over the same company without one, fitted and held out, both foretold from sample
     to sample: free runs of a loop that cycles part by themselves, with a play in it or not."""
-    bare = closed(found, scene)
+    bare = closed(found, scene.trials)
     gains = [found.scaled(g.trials)[0] - bare.scaled(g.trials)[0] for g in (scene, held)]
     return gains[0], gains[1]
 
@@ -115,7 +116,8 @@ def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:
         tried = []
         for place in places:
             spec = EffectSpec(NAMES[name], effect_values(model, name), place.options)
-            joined = replace(found, model=replace(bare, effects=(spec, *model.effects)))
+            effects = (*model.effects[:-1], spec, model.effects[-1])
+            joined = replace(found, model=replace(bare, effects=effects))
             tried.append(joined if name == "mass" else refitted(joined, scene.trials))
         found = max(tried, key=lambda h: h.worth(scene.trials))
     return found

@@ -376,7 +376,8 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
     from itself by a thousand times that, or by hardly anything). What leaves less than `HALF` of the
     held-out sum of squares, where chance knows nothing of it, needs no such proof."""
     scene, model = base.scene, base.model
-    alike = imitated(model.plant(), scene.trials, scene.noise, np.random.default_rng(0))
+    machine, sent = model.judged_on(scene.trials)
+    alike = imitated(machine.plant(), sent, scene.noise, np.random.default_rng(0))
     out = []
     for rival in rivals:
         last = ("effect", len(model.effects))

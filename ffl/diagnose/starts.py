@@ -119,7 +119,7 @@ def _begun(trial: Trial) -> int:
 
 def _cost(model: Model, trial: Trial, whitener: Whitener) -> float:
     """Sum of squares that the trial leaves; infinite where the simulation leaves all bounds."""
-    run = model.simulate(trial)
+    run = model.follow(trial)
     white = np.inf if run.diverged else trial.weighed(whitener(trial.y - run.y))
     return float(np.sum(white**2))
 
@@ -144,7 +144,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
     at = [k for k in range(n) if k < len(trial.start)]
     spread = _spread(trial, model)
     whole, trial = trial, trial.head(_begun(trial))
-    run = model.simulate(trial)
+    run = model.follow(trial)
     if run.diverged or not len(order):
         return whole, 0.0
     # Innovations of a filter that starts with doubt would hide the start: judge without it.
@@ -163,7 +163,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
 
     columns = []
     for unit in np.eye(size):
-        other = model.simulate(moved(trial, 0.1 * unit))
+        other = model.follow(moved(trial, 0.1 * unit))
         if other.diverged:
             return whole, 0.0
         columns.append((other.y - run.y) / 0.1)
@@ -173,7 +173,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
         stacked = np.vstack([j, prior * np.eye(size)])
         step = np.linalg.lstsq(stacked, np.append(e, np.zeros(size)), rcond=None)[0]
         step[len(at) :] = np.clip(step[len(at) :], -1.0, 1.0)  # further on it bends
-        after = model.simulate(moved(trial, step))
+        after = model.follow(moved(trial, step))
         if after.diverged:
             continue
         gained = float(e @ e) - float(np.sum(trial.weighed(sure(trial.y - after.y)) ** 2))
@@ -216,10 +216,10 @@ def _in_phase(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
     quiet = model.without(index)
     trials = list(scene.trials[:from_trial])
     for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
-        plain = quiet.simulate(trial).y
-        sine = model.simulate(trial).y - plain
+        plain = quiet.follow(trial).y
+        sine = model.follow(trial).y - plain
         quarter = replace(trial, start_time=trial.start_time + 0.25 * period)
-        cosine = model.simulate(quarter).y - plain
+        cosine = model.follow(quarter).y - plain
         table = trial.weighed(whitener(np.column_stack([sine, cosine, trial.y - plain])))
         if np.all(np.isfinite(table)):
             a, b = np.linalg.lstsq(table[:, :2], table[:, 2], rcond=None)[0]
@@ -238,8 +238,8 @@ def _warmed(scene: Scene, model: Model, from_trial: int) -> Scene:
     settling = float(spec.parameters["time_constant"])
     trials = list(scene.trials[:from_trial])
     for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
-        late = model.simulate(replace(trial, start_time=SETTLED * settling)).y
-        early = model.simulate(replace(trial, start_time=0.0)).y
+        late = model.follow(replace(trial, start_time=SETTLED * settling)).y
+        early = model.follow(replace(trial, start_time=0.0)).y
         table = trial.weighed(whitener(np.column_stack([early - late, trial.y - late])))
         if np.all(np.isfinite(table)):
             left = float(table[:, 0] @ table[:, 1]) / max(float(table[:, 0] @ table[:, 0]), 1e-300)

@@ -107,10 +107,11 @@ def compare(
     if bursts.found or (named and loud > QUIET_ENOUGH):
         # What sticks and slips answers noise in bursts, louder than the loop alone would make it; slow
         # noise holds few independent samples in a short window and looks like bursts on any machine.
-        alike = imitated(standing.plant(), scene.trials, scene.noise, rng)
+        machine, sent = standing.judged_on(scene.trials)
+        alike = imitated(machine.plant(), sent, scene.noise, rng)
         bursts = _beyond(bursts, scene, alike, stated)
         if bursts.found:  # a few draws may all be tame
-            more = imitated(standing.plant(), scene.trials, scene.noise, rng, MANY)
+            more = imitated(machine.plant(), sent, scene.noise, rng, MANY)
             bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found

@@ -43,10 +43,11 @@ def with_unrest(scene: Scene, model: Model) -> Scene:
 
 def unrest_of(scene: Scene, model: Model) -> Scene:
     """The same with the noise that `scene` has."""
-    calm, model = without_unrest(scene), model.behind
+    calm = without_unrest(scene)
     if not _may_stick(scene, model):
         return calm
-    alike = imitated(model.plant(), calm.trials, calm.noise, np.random.default_rng(0), DRAWS)
+    machine, sent = model.judged_on(calm.trials)
+    alike = imitated(machine.plant(), sent, calm.noise, np.random.default_rng(0), DRAWS)
     if not alike:
         return calm
     power = np.array([calm.whiten(one.y) ** 2 for one in alike])
@@ -61,7 +62,7 @@ def unrest_of(scene: Scene, model: Model) -> Scene:
 def _may_stick(scene: Scene, model: Model) -> bool:
     """A machine with effects, whose noise goes round a loop that is known; no process sticks."""
     known = not (scene.plain or scene.observed)
-    return known and bool(model.behind.effects) and not model.base.is_process
+    return known and bool(model.judged_on(scene.trials)[0].effects) and not model.base.is_process
 
 
 def without_unrest(scene: Scene) -> Scene:

@@ -68,7 +68,7 @@ def bent(standing: Judged) -> bool:
 
 def _left(standing: Judged, component: str, said: str, depends: dict[str, None]) -> where.Place:
     """The place of what was named, with the variables that go with what it leaves."""
-    motions = [standing.model.simulate(trial).motion() for trial in standing.scene.trials]
+    motions = [standing.model.follow(trial).motion() for trial in standing.scene.trials]
     left = goes_with(states(standing.fit.white, motions))
     return where.Place(
         component,

@@ -95,7 +95,7 @@ def with_warmth(scene: Scene, free: FreeModel) -> Scene:
     trials = []
     for trial, whitener in zip(scene.trials, scene.whiteners, strict=True):
         most = hottest(trial.u if np.all(np.isfinite(trial.u)) else free.model.simulate(trial).u)
-        runs = [free.simulate(replace(trial, warm=warm)) for warm in (0.0, most)]
+        runs = [free.follow(replace(trial, warm=warm)) for warm in (0.0, most)]
         if any(run is None for run in runs):
             return scene
         cold, hot = (run[0].y for run in runs if run)

@@ -66,6 +66,34 @@ def test_the_report_runs_it_freely(stage):
     assert np.std(trial.y - behind) < 0.5 * np.std(trial.y - free)
 
 
+@pytest.mark.parametrize(
+    "company",
+    [
+        (EffectSpec("actuator_lag", {"time_constant": 0.004}),),
+        (EffectSpec("input_delay", {"delay": 0.003}),),
+        (EffectSpec("position_dependent_gain", {"linear_coefficient": 2.0, "centre": 0.05}),),
+    ],
+)
+@pytest.mark.parametrize("first", [DEAD, EffectSpec("saturation", {"limit": 6.0})])
+def test_whatever_else_the_command_goes_through_follows(stage, company, first):
+    """Without noise the true model leaves nothing, in whichever order."""
+    still = replace(stage, machine=Imperfections(0.0, 0.0, 0.0, None))
+    for effects in ((first, *company), (*company, first)):
+        machine = SimulatedMachine(replace(still, effects=effects))
+        r = moves([Move(0.3, 0.05, 0.25, 4.0, 200.0)], 1.5, STEP)
+        seen = machine.run(r, 0 * r, np.random.default_rng(0))
+        base = Base.of(stage, 0.05)
+        model, trial = replace(Model(base), effects=effects), prepare(base.simulator, seen, 1e-6)
+        assert model.judged_on([trial])[0] is not model
+        np.testing.assert_allclose(model.output(trial), seen.y, atol=1e-5)
+
+
+def test_a_limit_that_the_plant_file_states_is_fed_as_well(stage):
+    limited = replace(stage, effects=(EffectSpec("saturation", {"limit": 6.0}),))
+    found = judged(limited, (*limited.effects, DEAD), (DEAD,))
+    assert np.mean(found.held_white**2) < 1.3
+
+
 def test_without_a_recorded_command_the_run_is_free(stage):
     found = judged(stage, (DEAD,), (DEAD,))
     (trial,) = found.scene.trials
