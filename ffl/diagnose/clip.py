@@ -20,7 +20,7 @@ WIDE = 8.0  # standard deviations of the stated sensor noise that count as one v
 # A machine that sticks where it turns stands still there too, and so does one seen through a play, but
 # they arrive slowly, and at another place every time.
 VISITS = 2  # at least, at one value within the sensor's noise; to the last digit one of the three is enough
-LASTS = 0.1  # of all samples: together at its limit
+LASTS = 0.02  # of all samples: together at its limit
 SUDDEN = 0.3  # of the RMS speed at arrival, in the median
 
 

@@ -30,6 +30,7 @@ WALL = 5.0  # times the median of a table: what is believed of its levels
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 TABLE = "position_dependent_friction"  # the same where its contact gives way
 MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13 times the time
+ASTRAY = 1e4  # times the largest y: what runs behind a drive has run away
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
 
 
@@ -75,8 +76,9 @@ class Model:
 
     @property
     def acting(self) -> tuple[EffectSpec, ...]:
-        """All effects of a simulation: those found, then those stated."""
-        return (*self.effects, *self.stated)
+        """All effects of a simulation: those found, then those stated; an amplifier comes before the motor,
+        whichever was found first."""
+        return tuple(sorted((*self.effects, *self.stated), key=lambda spec: not bends(spec)))
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -146,12 +148,14 @@ class Model:
         return machine.simulate(own, watch)
 
     def attempt(self, trial: Trial) -> Simulation | None:
-        """`follow`, None where there is no such machine or it leaves all bounds."""
+        """`follow`, None where there is no such machine or it leaves all bounds. (Behind a dead zone a loop
+        that is unstable runs away: there is no limit at which it cycles.)"""
         try:
             run = self.follow(trial)
         except InputError:
             return None
-        return None if run.diverged else run
+        bound = np.inf if self.behind is self else ASTRAY * float(np.abs(trial.y).max())
+        return None if run.diverged or np.abs(run.y).max() > bound else run
 
     def output(self, trial: Trial) -> Array | None:
         """y of `attempt`, simulated once: what is judged, weighed and begun from is often the same."""

@@ -163,7 +163,7 @@ class Screen:
 
     def _motion(self, trial: Trial, place: Place) -> Motion:
         key = (place.side if place.port in ("force", "flow") else "sensor", place.mass_ratio)
-        run = self.model.follow(trial, watch=[key])
+        run = self.model.simulate(trial, watch=[key])
         motion = run.motion(*key)
         if self.along is not None and np.all(np.isfinite(trial.u)):
             motion = replace(motion, u=trial.u)

@@ -53,7 +53,7 @@ def test_a_loop_at_rest_begins_where_a_bent_sensor_shows_the_reference(stage, re
     grid = bent.grid(ranges)
     part = Part(bent, Place("output"), 0.02 + 0.3 * grid**2, ranges)
     free = FreeModel(model, (part,))
-    y = Running(free).simulate(scene.trials[0]).y
+    y = Running(free).follow(scene.trials[0]).y
     assert np.abs(y[:200]).max() < 1e-5
 
 
