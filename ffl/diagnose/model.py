@@ -78,7 +78,7 @@ class Model:
     def acting(self) -> tuple[EffectSpec, ...]:
         """All effects of a simulation: those found, then those stated; an amplifier comes before the motor,
         whichever was found first."""
-        return tuple(sorted((*self.effects, *self.stated), key=lambda spec: not bends(spec)))
+        return (*sorted(self.effects, key=lambda spec: not bends(spec)), *self.stated)
 
     @cached_property
     def simulator(self) -> Simulator:

@@ -76,14 +76,15 @@ def test_the_report_runs_it_freely(stage):
 )
 @pytest.mark.parametrize("first", [DEAD, EffectSpec("saturation", {"limit": 6.0})])
 def test_whatever_else_the_command_goes_through_follows(stage, company, first):
-    """Without noise the true model leaves nothing, in whichever order."""
+    """Without noise the true model leaves nothing, whichever was found first."""
     still = replace(stage, machine=Imperfections(0.0, 0.0, 0.0, None))
+    machine = SimulatedMachine(replace(still, effects=(first, *company)))
+    r = moves([Move(0.3, 0.05, 0.25, 4.0, 200.0)], 1.5, STEP)
+    seen = machine.run(r, 0 * r, np.random.default_rng(0))
+    base = Base.of(stage, 0.05)
+    trial = prepare(base.simulator, seen, 1e-6)
     for effects in ((first, *company), (*company, first)):
-        machine = SimulatedMachine(replace(still, effects=effects))
-        r = moves([Move(0.3, 0.05, 0.25, 4.0, 200.0)], 1.5, STEP)
-        seen = machine.run(r, 0 * r, np.random.default_rng(0))
-        base = Base.of(stage, 0.05)
-        model, trial = replace(Model(base), effects=effects), prepare(base.simulator, seen, 1e-6)
+        model = replace(Model(base), effects=effects)
         assert model.judged_on([trial])[0] is not model
         np.testing.assert_allclose(model.output(trial), seen.y, atol=1e-5)
 
