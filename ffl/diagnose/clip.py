@@ -40,7 +40,8 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
                     speeds.append(speed)
         again, sudden = len(stood) >= VISITS, bool(stood) and np.median(speeds) >= SUDDEN
         lasts = sum(map(len, stood)) >= LASTS * sum(map(len, recordings))
-        if not (again and sudden if wide else again or sudden or lasts):
+        clips = (again and sudden) if wide else (again or sudden or lasts)
+        if not clips:
             continue
         level = top if not wide else float(np.mean(np.concatenate(stood)))
         return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})

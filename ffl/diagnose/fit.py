@@ -77,6 +77,13 @@ class Fit:
         """Standard deviation of theta; infinite where the data see nothing."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
+    def spread_of(self, name: str) -> float:
+        """Standard error of a correction; 0 where it is held."""
+        for c, spread in zip(self.model.coordinates, self.spread, strict=True):
+            if c.key[:2] == ("correction", name):
+                return float(spread)
+        return 0.0
+
     @cached_property
     def root(self) -> tuple[Array, Array] | None:
         """(half (p, p), scale (p,)) with (J'J)^-1 = half half'/(scale scale'), by SVD; directions below

@@ -49,7 +49,7 @@ def crosses(scene: Scene, judged: Judged) -> bool:
     """A correction is beyond the line, for sure and in the way of its effect: an effect by another
     name. (Less damping or stiffness than the model has is none.)"""
     beyond = [n for n, size in sizes(scene, judged.model).items() if claims(n, size)]
-    return any(abs(judged.model.corrections[n]) > SURE * _spread(judged, n) for n in beyond)
+    return any(abs(judged.model.corrections[n]) > SURE * judged.fit.spread_of(n) for n in beyond)
 
 
 def on_the_line(held: Scene | None, judged: Judged) -> Judged:
@@ -70,8 +70,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         size = sizes(scene, current.model).get(name, 0.0)
         if not claims(name, size) or effect in {spec.name for spec in current.model.acting}:
             continue  # of less damping or stiffness than the model has no effect says that either
-        spread = _spread(current, name)
-        if abs(current.model.corrections[name]) < SURE * spread:
+        if abs(current.model.corrections[name]) < SURE * current.fit.spread_of(name):
             continue
         if name not in settled:
             within = _within(held, current, name, LINE / abs(size))
@@ -276,10 +275,3 @@ def _misfit(standard: Judged, judged: Judged) -> float:
     """Mean square of what `judged` leaves, whitened as `standard` is."""
     scene = replace(standard.scene, trials=judged.scene.trials)
     return float(np.mean(scene.whiten(raw_residuals(scene, judged.model)) ** 2))
-
-
-def _spread(judged: Judged, name: str) -> float:
-    for c, spread in zip(judged.model.coordinates, judged.fit.spread, strict=True):
-        if c.kind == "correction" and c.name == name:
-            return float(spread)
-    return 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from ffl.diagnose.company import without
 from ffl.diagnose.coordinate import Coordinate
-from ffl.diagnose.fit import surprise
+from ffl.diagnose.fit import Fit, surprise
 from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise
@@ -126,6 +126,14 @@ class Hypothesis:
             if there is not None:
                 found[:, k] = (white - there[0]) / step
         return found
+
+    def fit(self, trials: Sequence[Trial]) -> Fit | None:
+        """As it stands; None: no such plant."""
+        foretold = self.predict(trials)
+        if foretold is None:
+            return None
+        columns = self.columns(trials, foretold[0])
+        return Fit(self.model, foretold[0], columns, columns, "converged")
 
     def worth(self, trials: Sequence[Trial]) -> float:
         """What a search makes most."""

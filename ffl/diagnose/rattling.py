@@ -17,7 +17,6 @@ import numpy as np
 
 from ffl.diagnose.amounts import NAMES, claims, effect_values, sizes
 from ffl.diagnose.company import separable
-from ffl.diagnose.fit import Fit
 from ffl.diagnose.freeform import free_form
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import SURE
@@ -104,11 +103,10 @@ def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:
     """With a mass or damping beyond the contract's line as the effect it is, where it foretells best;
     free runs of a loop that rattles would not find the way."""
     for name in ("mass", "damping"):
-        model = found.model
-        size = sizes(scene, model).get(name, 0.0)
-        if not claims(name, size) or abs(model.corrections[name]) < SURE * _spread(
-            found, scene, name
-        ):
+        model, fit = found.model, found.fit(scene.trials)
+        if fit is None or not claims(name, sizes(scene, model).get(name, 0.0)):
+            continue
+        if abs(model.corrections[name]) < SURE * fit.spread_of(name):
             continue
         corrections = {k: v for k, v in model.corrections.items() if k != name}
         bare = replace(model, corrections=corrections, held=model.held | {name})
@@ -121,17 +119,6 @@ def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:
             tried.append(joined if name == "mass" else refitted(joined, scene.trials))
         found = max(tried, key=lambda h: h.worth(scene.trials))
     return found
-
-
-def _spread(found: Hypothesis, scene: Scene, name: str) -> float:
-    """Standard error of a correction."""
-    foretold = found.predict(scene.trials)
-    if foretold is None:
-        return np.inf
-    columns = found.columns(scene.trials, foretold[0])
-    fit = Fit(found.model, foretold[0], columns, columns, "converged")
-    at = [c.key[:2] for c in found.model.coordinates].index(("correction", name))
-    return float(fit.spread[at])
 
 
 def _mapped(scene: Scene, held: Scene, told: Model) -> bool:
@@ -158,12 +145,10 @@ def _plain(standing: Judged, scene: Scene) -> float:
 
 
 def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judged | None:
-    seen, ahead = found.predict(scene.trials), found.predict(held.trials)
-    if seen is None or ahead is None:
+    fit, ahead = found.fit(scene.trials), found.predict(held.trials)
+    if fit is None or ahead is None:
         return None
     own = replace(scene, noise=found.noise)
-    columns = found.columns(scene.trials, seen[0])
-    fit = Fit(found.model, seen[0], columns, columns, "converged")
     loud = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
     white = ahead[0] * max(1.0, loud / BELIEVED)
     return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)

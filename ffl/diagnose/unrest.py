@@ -21,6 +21,8 @@ from ffl.diagnose.imitate import imitated
 from ffl.diagnose.judging import QUIET, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.scene import Scene
+from ffl.diagnose.trials import Trial
+from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 DRAWS = 8
@@ -32,11 +34,12 @@ PASSES = 2  # noise read from what is left of the calm stretches, and again
 def with_unrest(scene: Scene, model: Model) -> Scene:
     """`scene`, recordings that are fitted, with what every sample counts for under `model`; noise is read
     anew from the calm stretches."""
-    if not _may_stick(scene, model):
-        return without_unrest(scene)
-    scene = without_unrest(scene)
+    calm = scene = without_unrest(scene)
+    run = _run(calm, model)
+    if run is None:
+        return calm
     for _ in range(PASSES):
-        scene = unrest_of(scene, model)
+        scene = _weighed(without_unrest(scene), *run)
         scene = scene.with_noise_of(raw_residuals(scene, model), coloured=False, quantile=QUIET)
     return scene
 
@@ -44,10 +47,21 @@ def with_unrest(scene: Scene, model: Model) -> Scene:
 def unrest_of(scene: Scene, model: Model) -> Scene:
     """The same with the noise that `scene` has."""
     calm = without_unrest(scene)
-    if not _may_stick(scene, model):
-        return calm
+    run = _run(calm, model)
+    return calm if run is None else _weighed(calm, *run)
+
+
+def _run(calm: Scene, model: Model) -> tuple[Plant, tuple[Trial, ...]] | None:
+    """The machine that may stick and what it is run on: one with effects whose noise goes round a loop that
+    is known; no process sticks."""
+    if calm.plain or calm.observed or model.base.is_process:
+        return None
     machine, sent = model.judged_on(calm.trials)
-    alike = imitated(machine.plant(), sent, calm.noise, np.random.default_rng(0), DRAWS)
+    return (machine.plant(), tuple(sent)) if machine.effects else None
+
+
+def _weighed(calm: Scene, machine: Plant, sent: tuple[Trial, ...]) -> Scene:
+    alike = imitated(machine, sent, calm.noise, np.random.default_rng(0), DRAWS)
     if not alike:
         return calm
     power = np.array([calm.whiten(one.y) ** 2 for one in alike])
@@ -57,12 +71,6 @@ def unrest_of(scene: Scene, model: Model) -> Scene:
         for trial, own in zip(calm.trials, np.split(power, cuts, axis=1), strict=True)
     ]
     return replace(calm, trials=tuple(trials))
-
-
-def _may_stick(scene: Scene, model: Model) -> bool:
-    """A machine with effects, whose noise goes round a loop that is known; no process sticks."""
-    known = not (scene.plain or scene.observed)
-    return known and bool(model.judged_on(scene.trials)[0].effects) and not model.base.is_process
 
 
 def without_unrest(scene: Scene) -> Scene:
