@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -16,7 +16,16 @@ from ffl.diagnose.judging import judge, raw_error
 from ffl.diagnose.line import across_the_line, against_the_refused
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, fit_noise
-from ffl.diagnose.observer import decay_for, led, moving, needs_observer, with_observer
+from ffl.diagnose.observer import (
+    decay_for,
+    led,
+    moving,
+    needs_observer,
+    slowest,
+    with_firm_observer,
+    with_observer,
+)
+from ffl.diagnose.parting import clearer, parts
 from ffl.diagnose.plain import too_loud, weighed
 from ffl.diagnose.rattling import with_rattling
 from ffl.diagnose.result import Diagnosis
@@ -84,17 +93,48 @@ def _diagnose_output(
     if shortest < SHORTEST:
         return too_short(model, health, shortest)
     say("checking the recordings: sound")
-    stated = model
+
+    def named(seen: View, notes: list[str]) -> Diagnosis:
+        return _named(model, seen, health, notes, rng, say)
+
     if needs_observer(model):
         _require_command(everything)
         notes.append(
             "the controller is unknown and the plant integrates: predicted through an observer, not in "
             "free run"
         )
-        decay = decay_for(recordings)
-        model = with_observer(model, decay)
-        recordings, validation = led(moving(recordings)), led(moving(validation))
-        everything = [*recordings, *validation]
+        plant = with_observer(model, decay_for(recordings))
+        return named(View(plant, led(moving(recordings)), led(moving(validation)), True), notes)
+    found = named(View(model, recordings, validation), list(notes))
+    if not parts(found):
+        return found
+    say("free runs leave structure: looked at once more, led by an observer")
+    firm = View(with_firm_observer(model), led(recordings), led(validation), True)
+    return clearer(found, named(firm, list(notes)), rng)
+
+
+@dataclass(frozen=True)
+class View:
+    """The plant that the recordings are compared with, fitted and judging ones; `observed`: its controller
+    is an observer, whose reference is y."""
+
+    model: Plant
+    recordings: Sequence[Recording]
+    validation: Sequence[Recording]
+    observed: bool = False
+
+
+def _named(
+    stated: Plant,
+    view: View,
+    health: sound.Soundness,
+    notes: list[str],
+    rng: Generator,
+    say: Callable[[str], None],
+) -> Diagnosis:
+    """What `stated` leaves out of the recordings, as `view` has them."""
+    model, recordings, validation = view.model, view.recordings, view.validation
+    everything = [*recordings, *validation]
     travel = max(float(np.ptp(r.y)) for r in everything)
     base = Base.of(model, travel, max(float(np.abs(r.t).max()) for r in everything))
     prior, floor = _prior(model, base, recordings)
@@ -105,9 +145,9 @@ def _diagnose_output(
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
     judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
-    if stated is not model:
-        scene = replace(scene, slowest=decay / (2 * np.pi), observed=True)
-    if stated is model and model.machine.states_noise:
+    if view.observed:
+        scene = replace(scene, slowest=slowest(model) / (2 * np.pi), observed=True)
+    elif model.machine.states_noise:
         scene = replace(scene, loudest=prior.scaled(LOUDEST))
     nominal = Model(base)
     residuals = scene.residuals(nominal)

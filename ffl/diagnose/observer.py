@@ -8,7 +8,7 @@ and feedforward u. Everything else, the sensitivities included, is as with a sta
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,8 @@ DECAYS = 2 * np.pi * np.array([5.0, 2.0, 1.0])  # 1/s: slowest decay of the obse
 QUIET = 0.01  # of the speed: noise that an observer may take for speed
 SPAN = 0.05  # s over which the speed is read
 MOVING = 0.05  # of the peak speed: what is slower at either end is standstill
+FIRM = 2.0  # most of |S|: a modulus margin of a half
+GRID = 400  # frequencies at which it is looked at
 EDGE = 1.0 - 1e-4  # poles beyond this magnitude count as integrating: a free run would remember
 
 
@@ -48,22 +50,42 @@ def decay_for(recordings: Sequence[Recording]) -> float:
 
 def with_observer(model: Plant, decay: float) -> Plant:
     """`model` under the gentlest LQG controller that lets no error live longer than 1/`decay`."""
+    best = model
+    for plant in _observed(model):
+        best = plant
+        if slowest(plant) >= decay:
+            break
+    return best
+
+
+def with_firm_observer(model: Plant) -> Plant:
+    """`model` under the firmest LQG controller that leaves its loop a margin, |S| <= FIRM."""
+    best = model
+    for plant in _observed(model):
+        response = plant.loop.system.response(np.linspace(0.0, 0.5 / model.sample_time, GRID)[1:])
+        if np.abs(response[:, 0, 3]).max() > FIRM and best is not model:
+            break
+        best = plant
+    return best
+
+
+def _observed(model: Plant) -> Iterator[Plant]:
+    """`model` under LQG controllers, from gentle to firm."""
     p = as_state_space(model.system)
     scale = np.sqrt(np.abs(np.diag(p.b @ p.b.T)).max())
-    best: Plant | None = None
     for exponent in np.arange(16.0, -16.0, -0.5):
         weight = 10.0**exponent * np.linalg.norm(p.c) ** 2 * max(scale, 1e-300) ** 2
         try:
             plant = replace(model, controller=_lqg(p, weight, 10.0**exponent))
         except (np.linalg.LinAlgError, ValueError):
             continue
-        slowest = float(np.abs(plant.loop.poles).max())
-        if slowest < 1.0:
-            best = best or plant
-            if -np.log(slowest) / model.sample_time >= decay:
-                return plant
-            best = plant
-    return best or model
+        if np.abs(plant.loop.poles).max() < 1.0:
+            yield plant
+
+
+def slowest(model: Plant) -> float:
+    """1/s, of what the loop forgets."""
+    return float(-np.log(np.abs(model.loop.poles).max()) / model.sample_time)
 
 
 def _lqg(p: StateSpace, weight: float, ratio: float) -> Controller:
