@@ -71,8 +71,8 @@ def conclude(
         bare = nominal  # bursts alone
     fitted = replace(bare.plant(), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))
-    observed = model.controller is None and fitted.controller is not None
-    augmented = replace(running, controller=None) if observed else running
+    observed = held.observed
+    augmented = replace(running, controller=model.controller) if observed else running
     after = [run_plant(running, trial) for trial in held.trials]
     quiet = nameless.winner.scene if nameless.winner else standing.scene
     if lost:

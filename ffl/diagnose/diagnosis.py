@@ -156,15 +156,11 @@ def _named(
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
     stands = clipping(model, everything)
-    told = (
-        nominal
-        if stands is None
-        else replace(nominal, effects=(stands,), proven=frozenset({stands.name}))
-    )
+    told = nominal if stands is None else nominal.with_proven(stands)
     if looks_folded(model, recordings) and (other := unfolded(model, short)):
         say("the output turns back at zero: the linear part is learned through a sign-blind sensor")
         folded, folded_held = folded_scenes(other, scene, short, short_held)
-        anew = Model(Base.of(other, base.travel, base.until), effects=(RECTIFIED,))
+        anew = Model(Base.of(other, base.travel, base.until)).with_proven(RECTIFIED)
         if raw_error(folded_held, anew) < FOLD * raw_error(held, nominal):
             scene, held, told = weighed(folded, anew), folded_held, anew
             notes.append(

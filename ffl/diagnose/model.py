@@ -30,7 +30,7 @@ WALL = 5.0  # times the median of a table: what is believed of its levels
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 TABLE = "position_dependent_friction"  # the same where its contact gives way
 MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13 times the time
-ASTRAY = 1e4  # times the largest y: what runs behind a drive has run away
+ASTRAY = 1e4  # times the largest y: what runs farther has run away
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
 
 
@@ -148,13 +148,13 @@ class Model:
         return machine.simulate(own, watch)
 
     def attempt(self, trial: Trial) -> Simulation | None:
-        """`follow`, None where there is no such machine or it leaves all bounds. (Behind a dead zone a loop
-        that is unstable runs away: there is no limit at which it cycles.)"""
+        """`follow`, None where there is no such machine or it leaves all bounds. (Behind a dead zone, or led
+        by an observer, a loop that is unstable runs away: there is no limit at which it cycles.)"""
         try:
             run = self.follow(trial)
         except InputError:
             return None
-        bound = np.inf if self.behind is self else ASTRAY * float(np.abs(trial.y).max())
+        bound = ASTRAY * float(np.abs(trial.y).max())
         return None if run.diverged or np.abs(run.y).max() > bound else run
 
     def output(self, trial: Trial) -> Array | None:

@@ -27,17 +27,18 @@ from ffl.diagnose.scene import Runs, Scene
 from ffl.diagnose.starts import with_starts
 
 CLEAR = 60.0  # log-likelihood, fitted and held out, by which the observer must know better
-OPEN = frozenset({"partly_explained", "unnamed", "inconclusive"})
+OPEN = frozenset({"partly_explained", "inconclusive"})
 
 
 def parts(found: Diagnosis) -> bool:
-    """Whether free runs leave open what an observer may tell: of a machine without a controller whose
-    command and noise are known, nothing of it seen directly."""
+    """Whether free runs leave open what an observer may tell: of a machine whose command and noise are
+    known, nothing of it seen directly, nor predicted or fed past its drive already."""
     judged = found.judged
     if judged is None or judged.held is None or found.verdict not in OPEN:
         return False
     scene, base = judged.scene, judged.model.base
-    if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
+    seen = judged.model.proven or judged.model.behind is not judged.model
+    if base.is_process or scene.plain or seen or judged.predicted:
         return False
     known = all(np.all(np.isfinite(t.u)) for t in (*scene.trials, *judged.held.trials))
     return known and found.plant.machine.states_noise and base.plant.system is found.plant.system

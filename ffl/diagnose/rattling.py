@@ -18,7 +18,7 @@ import numpy as np
 from ffl.diagnose.amounts import NAMES, claims, effect_values, sizes
 from ffl.diagnose.company import separable
 from ffl.diagnose.freeform import free_form
-from ffl.diagnose.judging import Judged
+from ffl.diagnose.judging import SHARE, Judged
 from ffl.diagnose.line import SURE
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, partly_coloured
@@ -54,8 +54,6 @@ def with_rattling(
     rigid = len(told.base.simulator.mechanics.modes) == 1
     if not loud and (standing.model.effects or rigid):
         return outcome
-    if rigid and "backlash" in standing.model.names:
-        return outcome  # a play that the free runs bear out, say of the measuring head
     if rigid and _mapped(replace(standing.scene, noise=prior), outcome.held or held, told):
         return outcome
     beside = tuple(spec for spec in standing.model.effects if separable(spec))
@@ -64,7 +62,8 @@ def with_rattling(
     begun, levels = start(scene, told, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
-    found = crossed(needed(settled(begun, scene, levels), scene.trials), scene)
+    found = burdened(needed(settled(begun, scene, levels), scene.trials), scene)
+    found = crossed(found, scene)
     fitted, factor = found.scaled(scene.trials)
     found = replace(found, noise=found.noise.scaled(factor))
     judged = _judged(found, scene, held, fitted)
@@ -97,6 +96,25 @@ def needed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
         bare = replace(found, model=found.model.without(found.model.names.index(name)))
         found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
     return found
+
+
+def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
+    """With a constant force where it foretells clearly better: free runs that part leave it unseen, or put
+    it into the play."""
+    if "constant_load" in found.model.names:
+        return found
+    commands = np.concatenate([trial.u for trial in scene.trials])
+    held = -float(np.mean(commands)) * found.model.base.simulator.force_per_input  # what u holds up
+    tried = []
+    for place in places_of(found.model):
+        spec = EffectSpec("constant_load", {"force": held}, place.options)
+        effects = (*found.model.effects[:-1], spec, found.model.effects[-1])
+        joined = replace(found, model=replace(found.model, effects=effects))
+        tried.append(refitted(joined, scene.trials))
+    best = max(tried, key=lambda h: h.worth(scene.trials))
+    if best.worth(scene.trials) < found.worth(scene.trials) + SHARE * scene.samples:
+        return found
+    return settled(best, scene, (1.0,))
 
 
 def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:

@@ -62,6 +62,9 @@ LEVEL = {
     "presliding_friction": "level",
 }
 
+# And of forms that vary, in the mean.
+MEAN = {"hysteresis": "force", "position_dependent_friction": "level"}
+
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
 # no plain one earns more, and only where plain dry friction, their mean, has earned its place.
 PLIABLE = frozenset({"position_dependent_friction"})
@@ -231,13 +234,21 @@ def as_it_stands(spec: EffectSpec, c: Candidate) -> list[EffectSpec]:
     if c.spec.name == spec.name:
         kept = {k: v for k, v in spec.options.items() if k not in POINT}
         return [replace(spec, options={**kept, **c.place.options})]
-    level = spec.parameters.get(LEVEL.get(spec.name, ""))
+    level = level_of(spec)
     if level is None or c.spec.name not in LEVEL:
         return []
     known = {LEVEL[c.spec.name]: level}
     if "static_level" in c.spec.parameters:
         known["static_level"] = level
     return [replace(c.spec, parameters={**c.spec.parameters, **known})]
+
+
+def level_of(spec: EffectSpec) -> float | None:
+    """The level at speed of a form of dry friction, in the mean of both directions; None of others."""
+    if spec.name == "asymmetric_friction":
+        return 0.5 * sum(float(spec.parameters[f"level_{way}"]) for way in ("positive", "negative"))
+    level = spec.parameters.get({**LEVEL, **MEAN}.get(spec.name, ""))
+    return None if level is None else float(level)
 
 
 def _plainer(rival: Judged, current: Judged) -> bool:
@@ -292,6 +303,7 @@ def challengers(
             if not own and only is None:
                 others.append(c)
         elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
-            (others if c.spec.name in seen else chosen).append(c)
+            # Where the effect itself acts comes first: a plainer form of it does the same there alone.
+            (chosen if own else others).append(c)
             seen.add(c.spec.name)
     return [*chosen, *others][:CHALLENGERS]

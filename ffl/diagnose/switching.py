@@ -54,14 +54,14 @@ def _rectified(depth, spread):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _filter(y, u, x, p, moves, pushes, kick, spread, rows, law, white, again, substeps):  # type: ignore[no-untyped-def]
+def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, again, substeps):  # type: ignore[no-untyped-def]
     """(innovations (N,), their standard deviations (N,)).
 
     State x (n,) with covariance p, at the first sample before its y is seen. moves (2, n, n), pushes
-    (2, n) from u, spread (2, n, n): one sub-step in the gap and in contact; kick (n,): in contact, of
-    a spring compressed by 1. rows (3, n): y, stretch, its rate. law: half the gap, stiffness and
-    damping in contact, sub-step. white: variance of y's white noise. again (n, n): added to p where
-    the innovations say that the filter has lost the stretch.
+    (2, n) from u, drift (2, n) from constant forces, spread (2, n, n): one sub-step in the gap and in
+    contact; kick (n,): in contact, of a spring compressed by 1. rows (3, n): y, stretch, its rate. law:
+    half the gap, stiffness and damping in contact, sub-step. white: variance of y's white noise. again
+    (n, n): added to p where the innovations say that the filter has lost the stretch.
     """
     n, samples = len(x), len(y)
     out, scale = np.empty(samples), np.empty(samples)
@@ -108,7 +108,7 @@ def _filter(y, u, x, p, moves, pushes, kick, spread, rows, law, white, again, su
             shift = half * (above - below) - up + down
             for i in range(n):
                 total = ((1.0 - share) * pushes[0, i] + share * pushes[1, i]) * u[t]
-                total += shift * kick[i]
+                total += (1.0 - share) * drift[0, i] + share * drift[1, i] + shift * kick[i]
                 for j in range(n):
                     blend[i, j] = (1.0 - share) * moves[0, i, j] + share * moves[1, i, j]
                     total += blend[i, j] * x[j]
@@ -144,6 +144,7 @@ class Switching:
     free: Array
     contact: Array
     drive: Array
+    load: Array
     press: Array
     output: Array
     point: Point
@@ -185,6 +186,7 @@ class Switching:
             free,
             free - np.outer(point.force, pull),
             mechanics.b,
+            sum((f * at.force for at, f in mechanics.bias), np.zeros(mechanics.order)),
             point.force * stiffness,
             mechanics.c,
             point,
@@ -207,13 +209,13 @@ class Switching:
         back = np.linalg.inv(self.turn)
         colour = np.exp(-2 * np.pi * np.array([noise.sensor_corner, noise.force_corner]) * step)
         moves, spread = np.zeros((2, n + 2, n + 2)), np.zeros((2, n + 2, n + 2))
-        pushes, kick = np.zeros((2, n + 2)), np.zeros(n + 2)
+        pushes, drift, kick = np.zeros((2, n + 2)), np.zeros((2, n + 2)), np.zeros(n + 2)
         for m, a in enumerate((self.free, self.contact)):
-            block = np.zeros((n + 2, n + 2))
-            block[:n, :n], block[:n, n], block[:n, n + 1] = a, self.drive, self.press
+            block = np.zeros((n + 3, n + 3))
+            block[:n, :n], block[:n, n:] = a, np.column_stack([self.drive, self.press, self.load])
             held = scipy.linalg.expm(block * step)
             moves[m, :n, :n] = self.turn @ held[:n, :n] @ back
-            pushes[m, :n], kick[:n] = self.turn @ held[:n, n], self.turn @ held[:n, n + 1]
+            pushes[m, :n], kick[:n], drift[m, :n] = (self.turn @ held[:n, n:]).T
             moves[m, :n, n + 1] = pushes[m, :n]
             moves[m, n, n], moves[m, n + 1, n + 1] = colour
             spread[m] = noise.force**2 * substeps * np.outer(pushes[m], pushes[m])
@@ -231,7 +233,8 @@ class Switching:
         again[0, 0] = law[0] ** 2
         again[1, 1] = (law[0] * self.resonance * self.sample_time) ** 2
         return _filter(
-            trial.y, force, x, p, moves, pushes, kick, spread, rows, law, noise.sensor**2, again, substeps
+            trial.y, force, x, p, moves, pushes, drift, kick, spread, rows, law, noise.sensor**2, again,
+            substeps,
         )  # fmt: skip
 
     def _start(self, trial: Trial, noise: Noise) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise, partly_coloured
 from ffl.diagnose.play import Hypothesis, settled, start
-from ffl.diagnose.rattling import beyond_prediction, crossed, needed
+from ffl.diagnose.rattling import beyond_prediction, burdened, crossed, needed
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -191,6 +191,21 @@ def test_a_mass_beyond_the_line_is_the_same_number_under_its_other_name(rigid):
     assert found.model.names == ("mass_change", "viscous_friction", "backlash")
     assert not {"mass", "damping"} & set(found.model.corrections)
     assert found.worth(scene.trials) > before.worth(scene.trials) - 1.0
+
+
+@pytest.mark.parametrize("force", [0.0, 3.0])
+def test_a_constant_force_beside_the_play_is_found_and_none_is_made_up(rigid, force):
+    play, load = (
+        EffectSpec("backlash", {"gap": GAP}, LOAD),
+        EffectSpec("constant_load", {"force": force}),
+    )
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(load, play))))
+    found = burdened(Hypothesis(model.with_effect(play), NOISE), scene)
+    if not force:
+        assert found.model.names == ("backlash",)
+        return
+    assert found.model.names == ("constant_load", "backlash")
+    assert found.model.effects[0].parameters["force"] == pytest.approx(force, rel=0.02)
 
 
 def test_noise_partly_coloured_is_as_loud_as_it_was():
