@@ -148,8 +148,8 @@ class Model:
         return machine.simulate(own, watch)
 
     def attempt(self, trial: Trial) -> Simulation | None:
-        """`follow`, None where there is no such machine or it leaves all bounds. (Behind a dead zone, or led
-        by an observer, a loop that is unstable runs away: there is no limit at which it cycles.)"""
+        """`follow`, None where there is no such machine or it leaves all bounds. (Behind a dead zone, or
+        led by an observer, a loop that is unstable runs away: there is no limit at which it cycles.)"""
         try:
             run = self.follow(trial)
         except InputError:
