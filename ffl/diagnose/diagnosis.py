@@ -15,13 +15,12 @@ from ffl.diagnose.heard import with_modes_heard
 from ffl.diagnose.judging import judge, raw_error
 from ffl.diagnose.line import across_the_line, against_the_refused
 from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise, fit_noise
+from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.observer import (
     decay_for,
     led,
     moving,
     needs_observer,
-    slowest,
     with_firm_observer,
     with_observer,
 )
@@ -94,7 +93,7 @@ def _diagnose_output(
         return too_short(model, health, shortest)
     say("checking the recordings: sound")
 
-    def named(seen: View, notes: list[str]) -> Diagnosis:
+    def named(seen: Comparison, notes: list[str]) -> Diagnosis:
         return _named(model, seen, health, notes, rng, say)
 
     if needs_observer(model):
@@ -103,37 +102,40 @@ def _diagnose_output(
             "the controller is unknown and the plant integrates: predicted through an observer, not in "
             "free run"
         )
-        plant = with_observer(model, decay_for(recordings))
-        return named(View(plant, led(moving(recordings)), led(moving(validation)), True), notes)
-    found = named(View(model, recordings, validation), list(notes))
+        decay = decay_for(recordings)
+        leading, slow = with_observer(model, decay), decay / (2 * np.pi)
+        seen = Comparison(leading, led(moving(recordings)), led(moving(validation)), True, slow)
+        return named(seen, notes)
+    found = named(Comparison(model, recordings, validation), list(notes))
     if not parts(found):
         return found
     say("free runs leave structure: looked at once more, led by an observer")
-    firm = View(with_firm_observer(model), led(recordings), led(validation), True)
+    firm = Comparison(with_firm_observer(model), led(recordings), led(validation), True)
     return clearer(found, named(firm, list(notes)), rng)
 
 
 @dataclass(frozen=True)
-class View:
+class Comparison:
     """The plant that the recordings are compared with, fitted and judging ones; `observed`: its controller
-    is an observer, whose reference is y."""
+    is an observer, whose reference is y; `slowest`: lowest corner of coloured noise, Hz."""
 
     model: Plant
     recordings: Sequence[Recording]
     validation: Sequence[Recording]
     observed: bool = False
+    slowest: float = SLOWEST
 
 
 def _named(
     stated: Plant,
-    view: View,
+    seen: Comparison,
     health: sound.Soundness,
     notes: list[str],
     rng: Generator,
     say: Callable[[str], None],
 ) -> Diagnosis:
-    """What `stated` leaves out of the recordings, as `view` has them."""
-    model, recordings, validation = view.model, view.recordings, view.validation
+    """What `stated` leaves out of the recordings, as they are `seen`."""
+    model, recordings, validation = seen.model, seen.recordings, seen.validation
     everything = [*recordings, *validation]
     travel = max(float(np.ptp(r.y)) for r in everything)
     base = Base.of(model, travel, max(float(np.abs(r.t).max()) for r in everything))
@@ -145,8 +147,8 @@ def _named(
     trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
     judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
-    if view.observed:
-        scene = replace(scene, slowest=slowest(model) / (2 * np.pi), observed=True)
+    if seen.observed:
+        scene = replace(scene, slowest=seen.slowest, observed=True)
     elif model.machine.states_noise:
         scene = replace(scene, loudest=prior.scaled(LOUDEST))
     nominal = Model(base)

@@ -25,7 +25,10 @@ QUIET = 0.01  # of the speed: noise that an observer may take for speed
 SPAN = 0.05  # s over which the speed is read
 MOVING = 0.05  # of the peak speed: what is slower at either end is standstill
 FIRM = 2.0  # most of |S|: a modulus margin of a half
-GRID = 400  # frequencies at which it is looked at
+GRID, LOWEST = (
+    400,
+    1e-5,
+)  # frequencies at which it is looked at, from this share of the sampling rate
 EDGE = 1.0 - 1e-4  # poles beyond this magnitude count as integrating: a free run would remember
 
 
@@ -53,7 +56,7 @@ def with_observer(model: Plant, decay: float) -> Plant:
     best = model
     for plant in _observed(model):
         best = plant
-        if slowest(plant) >= decay:
+        if decay_of(plant) >= decay:
             break
     return best
 
@@ -62,7 +65,7 @@ def with_firm_observer(model: Plant) -> Plant:
     """`model` under the firmest LQG controller that leaves its loop a margin, |S| <= FIRM."""
     best = model
     for plant in _observed(model):
-        response = plant.loop.system.response(np.linspace(0.0, 0.5 / model.sample_time, GRID)[1:])
+        response = plant.loop.system.response(np.geomspace(LOWEST, 0.5, GRID) / model.sample_time)
         if np.abs(response[:, 0, 3]).max() > FIRM and best is not model:
             break
         best = plant
@@ -83,8 +86,8 @@ def _observed(model: Plant) -> Iterator[Plant]:
             yield plant
 
 
-def slowest(model: Plant) -> float:
-    """1/s, of what the loop forgets."""
+def decay_of(model: Plant) -> float:
+    """1/s, of what the loop forgets last."""
     return float(-np.log(np.abs(model.loop.poles).max()) / model.sample_time)
 
 
@@ -102,8 +105,8 @@ def _lqg(p: StateSpace, weight: float, ratio: float) -> Controller:
 
 
 def led(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings as the observer's loop sees them: reference y, feedforward u."""
-    return [replace(r, r=r.y, f=r.u) for r in recordings]
+    """The recordings as the observer's loop sees them: reference y, feedforward u. Rest is told by u."""
+    return [replace(r, r=r.y, f=r.u, missing=r.missing | {"r"}) for r in recordings]
 
 
 def moving(recordings: Sequence[Recording]) -> list[Recording]:

@@ -21,58 +21,54 @@ from numpy.random import Generator
 
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.model import Model
-from ffl.diagnose.prove import prove, run_plant
+from ffl.diagnose.prove import Proof, prove, run_plant
 from ffl.diagnose.result import Diagnosis
-from ffl.diagnose.scene import Runs, Scene
-from ffl.diagnose.starts import with_starts
+from ffl.diagnose.scene import Scene
+from ffl.diagnose.starts import with_clocks, with_starts
 
 CLEAR = 60.0  # log-likelihood, fitted and held out, by which the observer must know better
-OPEN = frozenset({"partly_explained", "inconclusive"})
+UNSETTLED = frozenset({"partly_explained", "inconclusive"})
+NAMED = frozenset({"explained", "partly_explained"})
 
 
 def parts(found: Diagnosis) -> bool:
-    """Whether free runs leave open what an observer may tell: of a machine whose command and noise are
-    known, nothing of it seen directly, nor predicted or fed past its drive already."""
+    """Whether free runs leave open what an observer may tell: of a machine without a controller whose
+    command and noise are known, nothing of it seen directly."""
     judged = found.judged
-    if judged is None or judged.held is None or found.verdict not in OPEN:
+    if judged is None or judged.held is None or found.verdict not in UNSETTLED:
         return False
     scene, base = judged.scene, judged.model.base
-    seen = judged.model.proven or judged.model.behind is not judged.model
-    if base.is_process or scene.plain or seen or judged.predicted:
+    if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
         return False
     known = all(np.all(np.isfinite(t.u)) for t in (*scene.trials, *judged.held.trials))
     return known and found.plant.machine.states_noise and base.plant.system is found.plant.system
 
 
 def clearer(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:
-    """`found` by free runs, or `again`, by an observer, where that is likelier by far."""
-    if again.verdict in ("nothing_missing", "inconclusive"):
+    """`found` by free runs, or `again`, by an observer, where its names are likelier by far and free runs
+    of them no worse than of the model alone."""
+    if again.verdict not in NAMED or again.judged is None or again.judged.predicted:
         return found
     gains = [b - a for a, b in zip(_likelihoods(found), _likelihoods(again), strict=True)]
     if not min(gains) > CLEAR:
         return found
+    proof = _free_proof(found, again, rng)
+    if not proof.nrmse_after < proof.nrmse_before:
+        return found
     note = (
         "free runs of this machine part, so what is missing was told by an observer that leads the "
-        "simulation to y"
+        "simulation to y; the held-out figures are of free runs"
     )
-    if again.verdict != "unnamed":
-        again, note = _freely(found, again, rng), f"{note}; the held-out figures are of free runs"
-    return replace(again, notes=(*again.notes, note))
+    return replace(again, proof=proof, notes=(*again.notes, note))
 
 
 def _likelihoods(found: Diagnosis) -> tuple[float, ...]:
-    """Of fitted and held-out recordings, under what was found, names or maps, by noise of the size that
-    suits them best."""
+    """Of fitted and held-out recordings, under what stands, by noise of the size that suits them best."""
     judged, held = _told(found)
-    model: Runs = judged.model
-    grounds = judged.scene, held
-    maps = found.nameless.winner if found.nameless else None
-    if maps is not None and maps.held is not None:
-        model, grounds = maps.free, (maps.scene, maps.held)
     out = []
-    for ground in grounds:
-        ground = replace(ground.like(grounds[0]), worth=1.0)
-        residuals = ground.residuals(model)
+    for ground in (judged.scene, held.like(judged.scene)):
+        ground = replace(ground, worth=1.0)
+        residuals = ground.residuals(judged.model)
         out.append(-np.inf if residuals is None else ground.likeliest(ground.whiten(residuals)))
     return tuple(out)
 
@@ -85,12 +81,12 @@ def _told(found: Diagnosis) -> tuple[Judged, Scene]:
     return judged, judged.held
 
 
-def _freely(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:
-    """`again` with its proof by free runs."""
+def _free_proof(found: Diagnosis, again: Diagnosis, rng: Generator) -> Proof:
+    """The proof of `again` by free runs, from starts and on clocks of its own."""
     (free, judging), (led, _) = _told(found), _told(again)
     quiet = replace(judging, noise=led.scene.noise)
-    model = replace(led.model, base=free.model.base)
-    held, nominal = with_starts(quiet, model), Model(free.model.base)
+    model, nominal = replace(led.model, base=free.model.base), Model(free.model.base)
+    held = with_starts(with_clocks(quiet, model, 0), model)
     before = [nominal.simulate(trial) for trial in held.trials]
     after = [run_plant(again.augmented, trial) for trial in held.trials]
-    return replace(again, proof=prove(held, before, after, quiet, rng, again.augmented))
+    return prove(held, before, after, quiet, rng, again.augmented)

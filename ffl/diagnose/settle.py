@@ -62,7 +62,8 @@ LEVEL = {
     "presliding_friction": "level",
 }
 
-# And of forms that vary, in the mean.
+# And of forms that vary, in the mean: what the plainest begins from.
+PLAINEST = "coulomb_friction"
 MEAN = {"hysteresis": "force", "position_dependent_friction": "level"}
 
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
@@ -234,7 +235,9 @@ def as_it_stands(spec: EffectSpec, c: Candidate) -> list[EffectSpec]:
     if c.spec.name == spec.name:
         kept = {k: v for k, v in spec.options.items() if k not in POINT}
         return [replace(spec, options={**kept, **c.place.options})]
-    level = level_of(spec)
+    level = spec.parameters.get(LEVEL.get(spec.name, ""))
+    if c.spec.name == PLAINEST:
+        level = level_of(spec)
     if level is None or c.spec.name not in LEVEL:
         return []
     known = {LEVEL[c.spec.name]: level}
@@ -303,7 +306,8 @@ def challengers(
             if not own and only is None:
                 others.append(c)
         elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
-            # Where the effect itself acts comes first: a plainer form of it does the same there alone.
-            (chosen if own else others).append(c)
+            # The plainest form of a friction where the friction acts, whatever promises more elsewhere.
+            plain = own and c.spec.name == PLAINEST and spec.name in DRY
+            (chosen if plain or c.spec.name not in seen else others).append(c)
             seen.add(c.spec.name)
     return [*chosen, *others][:CHALLENGERS]

@@ -9,12 +9,14 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.judging import judge
 from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import Noise
-from ffl.diagnose.observer import FIRM, led, slowest, with_firm_observer
+from ffl.diagnose.observer import FIRM, decay_of, led, with_firm_observer
 from ffl.diagnose.parting import clearer, parts
+from ffl.diagnose.prove import nrmse, run_plant
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import EffectSpec
+from ffl.systems.plant_file import plant_from_dict, plant_to_dict
 
 STEP = 0.001
 STICKS = EffectSpec(
@@ -65,7 +67,7 @@ def test_a_firm_observer_keeps_a_margin(spring):
     sensitivity = plant.loop.system.response(np.linspace(1.0, 499.0, 500))[:, 0, 3]
     assert np.abs(plant.loop.poles).max() < 1.0
     assert 1.5 < np.abs(sensitivity).max() <= FIRM
-    assert slowest(plant) > 10.0 * slowest(spring)
+    assert decay_of(plant) > 10.0 * decay_of(spring)
 
 
 def test_of_a_linear_machine_both_ways_say_the_same(spring, record):
@@ -93,10 +95,11 @@ def test_what_sticks_is_named_once_led(spring, stuck):
         assert friction.parameters[name].value == pytest.approx(value, rel=0.15), name
     assert any("an observer" in note for note in found.notes)
     assert found.augmented.controller is None
-    free = SimulatedMachine(
-        replace(found.augmented, machine=replace(spring.machine, force_noise=0.0))
-    )
-    assert np.isfinite(free.run(stuck[1].r, stuck[1].f, np.random.default_rng(0)).y).all()
+    trials = [prepare(Base.of(spring).simulator, stuck[1], 1e-8)]
+    runs = [run_plant(plant_from_dict(plant_to_dict(found.augmented)), t).y for t in trials]
+    free = nrmse([t.y for t in trials], runs)  # from rest; the proof's start is fitted
+    assert max(free, found.proof.nrmse_after) < 0.3 * found.proof.nrmse_before
+    assert free == pytest.approx(found.proof.nrmse_after, rel=0.5)
 
 
 def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
