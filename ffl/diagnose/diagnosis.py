@@ -18,6 +18,7 @@ from ffl.diagnose.model import Base, Model
 from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.observer import (
     decay_for,
+    decay_of,
     led,
     moving,
     needs_observer,
@@ -110,14 +111,17 @@ def _diagnose_output(
     if not parts(found):
         return found
     say("free runs leave structure: looked at once more, led by an observer")
-    firm = Comparison(with_firm_observer(model), led(recordings), led(validation), True)
-    return clearer(found, named(firm, list(notes)), rng)
+    firm = with_firm_observer(model)
+    slow = max(SLOWEST, decay_of(firm) / (2 * np.pi))
+    seen = Comparison(firm, led(recordings), led(validation), True, slow)
+    return clearer(found, named(seen, list(notes)), rng)
 
 
 @dataclass(frozen=True)
 class Comparison:
     """The plant that the recordings are compared with, fitted and judging ones; `observed`: its controller
-    is an observer, whose reference is y; `slowest`: lowest corner of coloured noise, Hz."""
+    is an observer, whose reference is y; `slowest`: lowest corner of coloured noise, Hz: the observer takes
+    slower noise for physics, which it leads past."""
 
     model: Plant
     recordings: Sequence[Recording]
