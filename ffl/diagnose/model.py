@@ -30,7 +30,8 @@ WALL = 5.0  # times the median of a table: what is believed of its levels
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 TABLE = "position_dependent_friction"  # the same where its contact gives way
 MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13 times the time
-ASTRAY = 1e4  # times the largest y, or the travel: what runs farther has run away
+ASTRAY = 1e4  # times the largest y, or the travel: what runs farther behind a drive has run away
+OVERFLOW = 1e12  # and any run: its squares would overflow
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
 
 
@@ -154,7 +155,8 @@ class Model:
             run = self.follow(trial)
         except InputError:
             return None
-        bound = ASTRAY * max(float(np.abs(trial.y).max()), self.base.travel)
+        most = OVERFLOW if self.behind is self else ASTRAY
+        bound = most * max(float(np.abs(trial.y).max()), self.base.travel)
         return None if run.diverged or np.abs(run.y).max() > bound else run
 
     def output(self, trial: Trial) -> Array | None:

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose import line
 from ffl.diagnose.amounts import sizes
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.events import events
-from ffl.diagnose.fit import fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.imitate import drawn
 from ffl.diagnose.judging import judge
 from ffl.diagnose.line import across_the_line
@@ -165,7 +164,7 @@ def test_a_mode_that_is_missing_is_no_reason_to_give_up_a_noise_that_is_stated(s
 @pytest.mark.parametrize(("change", "named"), [(0.0, ()), (0.12, ("mass_change",))])
 def test_a_mass_beyond_the_line_must_earn_its_name(spring, monkeypatch, change, named):
     """A standard error says how steep the valley is if the noise is what it was taken for."""
-    monkeypatch.setattr(line, "_spread", lambda judged, name: 1e-3)
+    monkeypatch.setattr(Fit, "spread_of", lambda found, name: 1e-3)
     loud = 1e-5 if not change else 1e-8  # of 1e-5 m: nothing can be seen of a mass
     effects = (EffectSpec("mass_change", {"change": change}),) if change else ()
     trial = slow_strokes(Model(Base.of(spring), effects=effects), noise=loud)
