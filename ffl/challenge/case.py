@@ -326,12 +326,16 @@ def _sound(setup, parts, scales, noise, rng) -> bool:
 
 def _beyond_the_line(setup, parts, scales) -> bool:
     """A damping and a spring are effects by the contract in the machine as it is: beside a strong
-    friction the same damper may be less than 2 % of the RMS force, a correction of the model."""
-    if not {"viscous_friction", "linear_stiffness"} & {p.name for p in parts}:
+    friction the same damper may be less than 2 % of the RMS force, a correction of the model. So is a
+    mass that a wrong nominal one has swallowed."""
+    if not {"viscous_friction", "linear_stiffness", "mass_change"} & {p.name for p in parts}:
         return True
     build, parameters = assemble(setup, parts, scales)
     there = measure(setup, build)
+    stated = 1.0 + setup.corrections.get("mass", 0.0)
     for part, own in zip(parts, parameters, strict=True):
+        if part.name == "mass_change" and abs(stated * (1 + own["change"]) - 1) < CLEARLY * LINE:
+            return False
         pushes = {
             "viscous_friction": own.get("coefficient", 0.0) * there.speed_rms,
             "linear_stiffness": own.get("stiffness", 0.0) * there.position_rms,

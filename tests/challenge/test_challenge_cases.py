@@ -1,6 +1,7 @@
 """Cases: every effect can be made, is visible, is what its truth says; the rest is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -152,6 +153,17 @@ def test_a_damper_beside_strong_friction_may_be_a_correction(friction, beyond):
         Part("coulomb_friction", "motor", 3, friction),
     ]
     assert _beyond_the_line(setup, parts, measure(setup)) is beyond
+
+
+@pytest.mark.parametrize(("share", "beyond"), [(1.0, False), (-0.5, True)])
+def test_a_mass_that_a_wrong_nominal_one_has_swallowed_is_no_effect(share, beyond):
+    """On a rigid stage both are one number: a payload of 6 % beside a model 6 % too heavy is none."""
+    setup = draw_setup("rigid", "exact", np.random.default_rng(3))
+    part = Part("mass_change", "motor", 3, 1.0)
+    own = assemble(setup, [part], measure(setup))[1][0]
+    off = share * (1.0 / (1.0 + own["change"]) - 1.0)
+    wrong = replace(setup, corrections={"mass": off})
+    assert _beyond_the_line(wrong, [part], measure(setup)) is beyond
 
 
 @pytest.mark.parametrize("machine", ["rigid", "stiffness"])
