@@ -79,6 +79,16 @@ def places_of(model: Model) -> list[Place]:
     return kept
 
 
+def drive_places(model: Model) -> list[Place]:
+    """Where the drive may feel the motion that changes its force: where it pushes. With more than two modes
+    the ratio by which they share the motor's motion is no number of the plant file, and may be another."""
+    out = [Place("command")]
+    if len(model.simulator.mechanics.modes) > 2:
+        ratios = {p.mass_ratio for p in places_of(model) if p.side == "motor"}
+        out += [Place("command", "motor", ratio) for ratio in ratios if ratio is not None]
+    return out
+
+
 def distinct_forces(model: Model, places: Sequence[Place]) -> list[Place]:
     """Those of `places` that differ in what they drive, whatever they feel: without a mass ratio where
     one may be left out."""

@@ -24,6 +24,7 @@ from ffl.diagnose.passage import Passage
 from ffl.diagnose.places import (
     Place,
     distinct_forces,
+    drive_places,
     flow_places,
     mass_is_corrected,
     places_of,
@@ -154,7 +155,7 @@ class Screen:
 
     def motions(self, place: Place) -> list[Motion]:
         """Motion at the place; forces are held over a sample, so theirs is mid-sample."""
-        side = place.side if place.port in ("force", "flow") else "sensor"
+        side = "sensor" if place.port == "output" else place.side
         key = (f"{place.port == 'force'}{side}", place.mass_ratio)
         if key not in self._motions:
             trials = (self.along or self.scene).trials
@@ -162,7 +163,7 @@ class Screen:
         return self._motions[key]
 
     def _motion(self, trial: Trial, place: Place) -> Motion:
-        key = (place.side if place.port in ("force", "flow") else "sensor", place.mass_ratio)
+        key = ("sensor" if place.port == "output" else place.side, place.mass_ratio)
         run = self.model.simulate(trial, watch=[key])
         motion = run.motion(*key)
         if self.along is not None and np.all(np.isfinite(trial.u)):
@@ -207,6 +208,8 @@ class Screen:
             return flow_places(self.model, effect)
         if effect.of_processes and not self.model.base.is_process:
             return []
+        if effect.port == "command" and "position" in effect.depends_on:
+            return drive_places(self.model)
         if effect.port != "force":
             return [Place(effect.port)]
         if effect.needs_mass and not self.model.simulator.mechanics.modes:

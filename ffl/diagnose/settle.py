@@ -23,7 +23,7 @@ from ffl.diagnose.judging import (
 from ffl.diagnose.ladders import with_best_start
 from ffl.diagnose.model import Model
 from ffl.diagnose.parallel import each
-from ffl.diagnose.places import POINT
+from ffl.diagnose.places import POINT, point_of
 from ffl.diagnose.rounds import Step
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.screen import Screen, as_measured
@@ -298,6 +298,7 @@ def challengers(
     found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
     side = spec.options.get("side", "sensor")
     top = max((c.gain for c in found), default=0.0)
+    plain = _plainest(spec, beside) if PLAINEST in wanted else []
     chosen, others = [], []
     seen: set[str] = set()
     for c in found:
@@ -305,9 +306,20 @@ def challengers(
         if c.spec.name == spec.name:
             if not own and only is None:
                 others.append(c)
+        elif own and c.spec.name == PLAINEST and plain:
+            continue
         elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
-            # The plainest form of a friction where the friction acts, whatever promises more elsewhere.
-            plain = own and c.spec.name == PLAINEST and spec.name in DRY
-            (chosen if plain or c.spec.name not in seen else others).append(c)
+            (others if c.spec.name in seen else chosen).append(c)
             seen.add(c.spec.name)
-    return [*chosen, *others][:CHALLENGERS]
+    return [*plain, *chosen, *others][:CHALLENGERS]
+
+
+def _plainest(spec: EffectSpec, like: Fit) -> list[Candidate]:
+    """The plainest form of a friction that stands, where that acts, whatever a screen promises of it:
+    without friction a loop at its limit may run away, and no column beside that says anything."""
+    level = level_of(spec) if spec.name in DRY - {PLAINEST} else None
+    if level is None:
+        return []
+    options = {k: v for k, v in spec.options.items() if k in POINT}
+    plain = EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level}, options)
+    return [Candidate(plain, 0.0, 1, point_of(spec), like)]

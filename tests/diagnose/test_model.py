@@ -10,9 +10,14 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.colour import colouring, loop_of
 from ffl.diagnose.conclude import within_a_turn
 from ffl.diagnose.coordinate import LOG_STEP, TURN
-from ffl.diagnose.fit import Fit
+from ffl.diagnose.fit import Fit, fit
 from ffl.diagnose.model import Base, Model
-from ffl.diagnose.places import places_of
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.places import drive_places, places_of
+from ffl.diagnose.scene import Scene
+from ffl.diagnose.screen import Screen
+from ffl.diagnose.trials import prepare
+from ffl.machines import SimulatedMachine
 from ffl.recordings import read_recording
 from ffl.systems import EffectSpec, load_plant
 
@@ -47,6 +52,34 @@ def test_several_modes_may_be_driven_and_measured_at_two_points(plant, collocate
     ratios = {p.mass_ratio for p in places_of(Model(Base.of(load_plant(plant))))}
     assert (None in ratios) is collocated
     assert (1.0 in ratios) is apart
+
+
+@pytest.mark.parametrize(
+    ("plant", "ratios"),
+    [("emps", [None]), ("kernel2018_loop", [None, 1.0]), ("flatbed_printer", [None, 1.0])],
+)
+def test_a_drive_feels_the_motion_where_it_pushes(plant, ratios):
+    found = drive_places(Model(Base.of(load_plant(plant))))
+    assert [p.mass_ratio for p in found] == ratios
+    assert all(p.port == "command" for p in found)
+
+
+def test_a_gain_by_position_is_screened_at_the_drive_that_has_it():
+    """Of a printer's three modes the head moves otherwise than the motor, whose position it is."""
+    plant = load_plant("flatbed_printer")
+    step = plant.sample_time
+    bent = {"linear_coefficient": 2.0, "quadratic_coefficient": -60.0, "centre": 0.02}
+    gain = EffectSpec("position_dependent_gain", bent, {"side": "motor", "mass_ratio": 1.0})
+    t = step * np.arange(4000)
+    reference = 0.03 * (1.0 - np.cos(2 * np.pi * 0.7 * t)) * np.minimum(t, 1.0)
+    machine = SimulatedMachine(replace(plant, effects=(gain,)))
+    run = machine.run(reference, np.zeros_like(reference), np.random.default_rng(1))
+    base = Base.of(plant, float(np.ptp(run.y)))
+    trial = prepare(base.simulator, run, plant.machine.sensor_noise)
+    scene = Scene(plant.loop, (trial,), Noise(plant.machine.sensor_noise or 1e-7, 1e-3))
+    found = Screen(scene, fit(scene, Model(base), rounds=0)).candidates([gain.name])
+    gains = {c.place.mass_ratio: c.gain for c in found}
+    assert gains[1.0] > gains[None]
 
 
 def test_what_corrections_gain_that_are_open_is_not_an_effect(tmp_path):

@@ -97,6 +97,21 @@ def test_friction_that_creeps_comes_in_the_place_of_dry_friction_beside_a_model_
     assert ("logarithmic_friction" in found) == bool(source)
 
 
+def test_plain_friction_is_tried_whatever_a_screen_sees_of_it(with_friction, monkeypatch):  # type: ignore[no-untyped-def]
+    """Without friction a loop at its limit may run away: no column beside that says anything."""
+    scene, _, model = with_friction
+    skewed = {"level_positive": 2.9, "level_negative": 3.1}
+    other = EffectSpec("asymmetric_friction", skewed, {"side": "load"})
+    judged = judge(scene, None, replace(model, effects=(other,)), rounds=1)
+    monkeypatch.setattr(settling.Screen, "candidates", lambda *_: [])
+    (only,) = challengers(scene, judged, 0, [], frozenset())
+    assert (only.spec.name, only.spec.options) == ("coulomb_friction", {"side": "load"})
+    levels = judged.model.effects[0].parameters
+    mean = 0.5 * (levels["level_positive"] + levels["level_negative"])
+    assert only.spec.parameters == {"level": pytest.approx(mean)}
+    assert challengers(scene, judged, 0, [], frozenset({"coulomb_friction"})) == []
+
+
 RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 1e-9, "period": 4e-3, "phase": 0.0})
 
 
