@@ -83,11 +83,12 @@ def conclude(
         begun = with_starts(held, Running(maps))  # the start too was another's, who stands no more
         proof = with_map(proof, with_warmth(begun, maps), maps)
     effects = standing.model.effects
-    said, place = verdict(model, standing, nameless)
+    trusted = not standing.predicted and not nameless.led
+    runs = proof.nrmse_after / proof.noise_floor if trusted and proof.noise_floor > 0 else 1.0
+    said, place = verdict(model, standing, nameless, runs)
     told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
     if effects and not told and nameless.verdict == "named":
         said, place = "nothing_missing", where.Place("", "", ())
-    trusted = not standing.predicted and not nameless.led
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0

@@ -292,6 +292,13 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     return lost and _under_its_noise(rival, base) > max(LEAST, BOTH * held)
 
 
+def gaining(rivals: Sequence[Judged], base: Judged) -> list[Judged]:
+    """Those of `rivals` that gain over `base` in the fitted recordings, or all where none does. (A limit
+    that lost 210 there gained thousands in recordings that judge, and stood before a friction that gained
+    690 and 1,370.)"""
+    return [r for r in rivals if r.fitted > base.fitted + LEAST] or list(rivals)
+
+
 def promise(rival: Array, base: Array) -> float:
     """Log-likelihood that held-out recordings would bring in the mean if the rival were right: half the
     square of the difference that it makes there, in units of the noise; infinite where none judge."""

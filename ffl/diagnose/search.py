@@ -22,16 +22,15 @@ from ffl.diagnose.fit import Fit
 from ffl.diagnose.friction_table import refined
 from ffl.diagnose.glimpse import promising
 from ffl.diagnose.harmonics import with_harmonics
-from ffl.diagnose.imitate import imitated
 from ffl.diagnose.judging import (
     QUIET,
     UNTOLD,
     Judged,
     earns,
+    gaining,
     granted,
     judge,
     levelled,
-    mean_square,
     noise_error,
     promise,
     raw_error,
@@ -53,10 +52,9 @@ from ffl.diagnose.settle import (
     one_for_two,
     settle,
 )
-from ffl.diagnose.span import orthonormal
 from ffl.diagnose.starts import with_starts
 from ffl.diagnose.together import ENOUGH, HIDDEN, starts, together
-from ffl.diagnose.unrest import unrest_of, with_unrest
+from ffl.diagnose.unrest import louder_than_noise, unrest_of, with_unrest
 from ffl.diagnose.views import View, entrants_of, screens
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
@@ -67,7 +65,6 @@ FORKS = 2  # most of these that are followed
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 FURTHER = 4  # times 8 rounds that the best of a round are fitted on
-NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
 
 
 def contest(
@@ -297,13 +294,17 @@ def _one_more(
             rivals[k] = _to_the_end(quiet, held, rival)
     base, *rivals = levelled([base, *rivals])
     rivals.sort(key=lambda j: -j.score)
-    worthy = [r for r in rivals if earns(r, base, threshold)]
-    worthy = [r for r in worthy if earns(r, granted(base, r, quiet), threshold)]
+    worthy = [
+        r
+        for r in rivals
+        if earns(r, base, threshold) and earns(r, granted(base, r, quiet), threshold)
+    ]
     if worthy and base.model.effects and not (quiet.plain or quiet.observed):
         worthy = louder_than_noise(base, worthy)
     if not worthy and not base.model.effects and crosses(quiet, base):
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
         worthy = _claimants(quiet, held, base, rivals, threshold)
+    worthy = gaining(worthy, base)
     return base, rivals, worthy[0] if worthy else None
 
 
@@ -366,33 +367,3 @@ def plain_lags(
     other, base = levelled([judge(quiet, held, plain, 8), base])
     say(f"  the lags without their zero: {other.score - base.score:+.1f}")
     return other if other.score >= base.score else base
-
-
-def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
-    """Those of `rivals` that bring much more than noise alone does to their numbers in the machine as
-    `base` names it: with play, stick or a dead zone it answers noise with slow motions of its own, in
-    which a spring or a load finds hundreds of nats. A draw that is louder than all that the rival leaves
-    counts for as much less: no noise of this recording was (a saturated loop that goes unstable parts
-    from itself by a thousand times that, or by hardly anything). What leaves less than `HALF` of the
-    held-out sum of squares, where chance knows nothing of it, needs no such proof."""
-    scene, model = base.scene, base.model
-    machine, sent = model.judged_on(scene.trials)
-    alike = imitated(machine.plant(), sent, scene.noise, np.random.default_rng(0))
-    out = []
-    for rival in rivals:
-        last = ("effect", len(model.effects))
-        own = np.array([(c.kind, c.effect) == last for c in rival.model.coordinates])
-        j = rival.fit.jacobian
-        whole, without = orthonormal(j), orthonormal(j[:, ~own])
-        drawn = [rival.scene.whiten(one.y) for one in alike]
-        left = float(np.sum(rival.fit.white**2))
-        shares = [min(1.0, left / max(float(np.sum(e**2)), 1e-300)) for e in drawn]
-        brought = [
-            0.5 * share * float(np.sum((whole.T @ e) ** 2) - np.sum((without.T @ e) ** 2))
-            for e, share in zip(drawn, shares, strict=True)
-        ]
-        usual = float(np.mean(brought)) if brought else 0.0
-        halved = mean_square(rival) < HALF * mean_square(base)
-        if halved or rival.fitted - base.fitted > NOISY * usual or usual < np.sum(own):
-            out.append(rival)
-    return out

@@ -17,6 +17,7 @@ from ffl.diagnose.judging import (
     between,
     credible,
     earns,
+    gaining,
     judge,
     levelled,
 )
@@ -137,6 +138,8 @@ def settle(
             if earns(other, alone, 0.0)
             and (rival not in PLIABLE or name in PLIABLE or other.score > current.score + share)
         ]
+        kept = gaining([current, *(other for _, other in worthy)], alone)
+        worthy = [pair for pair in worthy if any(pair[1] is one for one in kept)]
         best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
         fewer = [p for p in worthy if _plainer(p[1], current)]
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)

@@ -12,15 +12,17 @@ and contacts that yield are fitted to the ring.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
 
 from ffl.diagnose.imitate import imitated
-from ffl.diagnose.judging import QUIET, raw_residuals
+from ffl.diagnose.judging import QUIET, Judged, mean_square, raw_residuals
 from ffl.diagnose.model import Model
 from ffl.diagnose.scene import Scene
+from ffl.diagnose.span import orthonormal
 from ffl.diagnose.trials import Trial
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -28,6 +30,8 @@ from ffl.systems.state_space import Array
 DRAWS = 8
 WINDOW = 64  # samples over which power is averaged
 CLEAR = 2.5  # power from which it is more than chance and a filter that is a little wrong
+NOISY = 8.0  # times what noise alone brings in the mean: less is what it may bring once
+HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 PASSES = 2  # noise read from what is left of the calm stretches, and again
 
 
@@ -86,3 +90,33 @@ def _loudness(power: Array) -> Array | None:
     smooth = around.mean(axis=0) + around.std(axis=0)
     loud = np.where(smooth > CLEAR, smooth, 1.0)
     return np.sqrt(loud) if np.any(loud > 1.0) and np.all(np.isfinite(loud)) else None
+
+
+def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
+    """Those of `rivals` that bring much more than noise alone does to their numbers in the machine as
+    `base` names it: with play, stick or a dead zone it answers noise with slow motions of its own, in
+    which a spring or a load finds hundreds of nats. A draw that is louder than all that the rival leaves
+    counts for as much less: no noise of this recording was (a saturated loop that goes unstable parts
+    from itself by a thousand times that, or by hardly anything). What leaves less than `HALF` of the
+    held-out sum of squares, where chance knows nothing of it, needs no such proof."""
+    scene, model = base.scene, base.model
+    machine, sent = model.judged_on(scene.trials)
+    alike = imitated(machine.plant(), sent, scene.noise, np.random.default_rng(0))
+    out = []
+    for rival in rivals:
+        last = ("effect", len(model.effects))
+        own = np.array([(c.kind, c.effect) == last for c in rival.model.coordinates])
+        j = rival.fit.jacobian
+        whole, without = orthonormal(j), orthonormal(j[:, ~own])
+        drawn = [rival.scene.whiten(one.y) for one in alike]
+        left = float(np.sum(rival.fit.white**2))
+        shares = [min(1.0, left / max(float(np.sum(e**2)), 1e-300)) for e in drawn]
+        brought = [
+            0.5 * share * float(np.sum((whole.T @ e) ** 2) - np.sum((without.T @ e) ** 2))
+            for e, share in zip(drawn, shares, strict=True)
+        ]
+        usual = float(np.mean(brought)) if brought else 0.0
+        halved = mean_square(rival) < HALF * mean_square(base)
+        if halved or rival.fitted - base.fitted > NOISY * usual or usual < np.sum(own):
+            out.append(rival)
+    return out

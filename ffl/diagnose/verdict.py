@@ -19,10 +19,16 @@ BENT = 0.3  # of a mass, gain or stiffness: an engineer's is known to some per c
 # Mean square of the whitened held-out residual above which structure remains; below its reciprocal too:
 # what the fitted recordings were left with is louder where they are louder, and so no noise.
 STRUCTURED = 1.5
+# Times what noise alone leaves of held-out free runs, from which they say that structure remains, however
+# white it is: a sensor with a bent scale explained as a gain by position left 3.9 times that.
+BEYOND = 2.5
 
 
-def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, where.Place]:
-    """The answer's verdict and place; `plant` as its file states it."""
+def verdict(
+    plant: Plant, standing: Judged, contest: Contest, excess: float = 1.0
+) -> tuple[str, where.Place]:
+    """The answer's verdict and place; `plant` as its file states it; `excess`: error of held-out free runs
+    over what noise alone leaves of them."""
     if contest.verdict == "unnamed":
         return "unnamed", _nameless(contest)
     effects = standing.model.effects
@@ -32,7 +38,7 @@ def verdict(plant: Plant, standing: Judged, contest: Contest) -> tuple[str, wher
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on)
         short = coloured(standing) or bent(standing) or loudness(plant, standing) > LOUD
-        short = short or chi2 < 1.0 / STRUCTURED
+        short = short or chi2 < 1.0 / STRUCTURED or excess > BEYOND
         if contest.verdict == "named" and short:
             return "partly_explained", _left(standing, names[0].component, said, depends)
         if contest.verdict == "named":

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ffl.diagnose import search
+from ffl.diagnose import search, unrest
 from ffl.diagnose import settle as settling
 from ffl.diagnose.judging import judge
 from ffl.diagnose.places import mass_is_corrected
@@ -201,7 +201,7 @@ def test_noise_louder_than_all_that_is_left_counts_for_as_much_less(
     scene, held, model = scenes(record(replace(stage, effects=(FRICTION, RIPPLE))))
     base = judge(scene, held, replace(model, effects=(FRICTION,)), 4)
     rival = judge(scene, held, replace(model, effects=(FRICTION, RIPPLE)), 4)
-    monkeypatch.setattr(search, "HALF", 0.0)
+    monkeypatch.setattr(unrest, "HALF", 0.0)
     rng = np.random.default_rng(0)
     loop = stage.loop.process_sensitivity
     alike = [loop.filter(2e-3 * size * rng.standard_normal(len(t))) for t in scene.trials]
@@ -209,8 +209,8 @@ def test_noise_louder_than_all_that_is_left_counts_for_as_much_less(
         left = (one.simulate for one in (base.model, rival.model))
         alike = [a.y - b.y for a, b in zip(*(map(run, scene.trials) for run in left), strict=True)]
     draws = [SimpleNamespace(y=alike)]
-    monkeypatch.setattr(search, "imitated", lambda *_: draws)
-    assert search.louder_than_noise(base, [rival]) == ([rival] if kept else [])
+    monkeypatch.setattr(unrest, "imitated", lambda *_: draws)
+    assert unrest.louder_than_noise(base, [rival]) == ([rival] if kept else [])
 
 
 def test_who_dropped_out_makes_room(stage, record, scenes, monkeypatch):
