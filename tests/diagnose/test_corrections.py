@@ -1,5 +1,6 @@
 """Corrections of the linear model: what unit each is told in."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from ffl.diagnose.coordinate import Coordinate
 from ffl.diagnose.corrections import corrections
+from ffl.diagnose.line import LATE, slight
 from ffl.diagnose.linear import corrected, corrected_plant, corrections_of
 from ffl.diagnose.model import Base
 from ffl.machines.simulator import Simulator
@@ -49,6 +51,15 @@ def test_a_slight_delay_is_told_in_samples():
     (found,) = corrections(standing(0.999, {}, [delay]))  # type: ignore[arg-type]
     assert found.relative == pytest.approx(0.05)
     assert found.unit == "samples"
+
+
+@pytest.mark.parametrize(("source", "most"), [("", 0.1), ("ffl identify linear of a run", 1.0)])
+@pytest.mark.parametrize(("name", "number"), LATE.items())
+def test_zeros_that_were_identified_hold_a_delay_within_a_sample(stage, source, most, name, number):
+    plant = replace(stage, source=source)
+    spec = EffectSpec(name, {number: 0.99 * most * plant.sample_time})
+    assert slight(spec, plant)
+    assert not slight(replace(spec, parameters={number: 1.01 * most * plant.sample_time}), plant)
 
 
 AMOUNTS = {"mass": 0.07, "damping": 0.05, "stiffness": 0.05}
