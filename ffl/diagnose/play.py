@@ -14,7 +14,7 @@ import numpy as np
 
 from ffl.diagnose.company import without
 from ffl.diagnose.coordinate import Coordinate
-from ffl.diagnose.fit import Fit, surprise
+from ffl.diagnose.foretold import Foretold, refitted
 from ffl.diagnose.linear import BOUND
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise
@@ -40,8 +40,7 @@ GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fi
 # numbers are off, and makes one broad valley of many narrow ones.
 LOOSENESS = (30.0, 10.0, 3.0, 1.0)
 GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides under the loosest
-ROUNDS, TRIES = 8, 5  # and damped steps of each
-STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
+TRIES = 5  # steps of a move
 MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
 LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
 ALONG = (0.1, 0.05, 0.02, 0.01)  # the same, of the combination that the samples see least
@@ -49,24 +48,14 @@ PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat no
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class Hypothesis(Foretold):
     """A model with one backlash between two masses as its last effect, its contact's damping free, and
     the noise."""
-
-    model: Model
-    noise: Noise
 
     @classmethod
     def of(cls, model: Model, gap: float, options: Mapping[str, Any], noise: Noise) -> Hypothesis:
         spec = EffectSpec("backlash", {"gap": float(gap)}, options)
         return cls(replace(model, effects=(*model.effects, spec)), noise)
-
-    @property
-    def theta(self) -> Array:
-        return self.model.theta.copy()
-
-    def at(self, theta: Array) -> Hypothesis:
-        return replace(self, model=self.model.at(theta))
 
     @property
     def steps(self) -> Array:
@@ -104,40 +93,6 @@ class Hypothesis:
         e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         white = e / s
         return (white, np.log(s)) if np.all(np.isfinite(white)) else None
-
-    def scaled(self, trials: Sequence[Trial]) -> tuple[float, float]:
-        """(log-likelihood with all noise times the factor that suits it best, the factor)."""
-        found = self.predict(trials)
-        if found is None:
-            return -np.inf, 1.0
-        white, logs = found
-        square = float(np.mean(white**2))
-        value = -0.5 * len(white) * (1.0 + np.log(square)) - logs.sum()
-        return float(value), float(np.sqrt(square))
-
-    def columns(self, trials: Sequence[Trial], white: Array) -> Array:
-        """Derivatives of the scaled prediction `white` by theta, (N, p)."""
-        theta = self.theta
-        found = np.zeros((len(white), len(theta)))
-        for k, step in enumerate(self.steps):
-            moved = theta.copy()
-            moved[k] += step
-            there = self.at(moved).predict(trials)
-            if there is not None:
-                found[:, k] = (white - there[0]) / step
-        return found
-
-    def fit(self, trials: Sequence[Trial]) -> Fit | None:
-        """As it stands; None: no such plant."""
-        foretold = self.predict(trials)
-        if foretold is None:
-            return None
-        columns = self.columns(trials, foretold[0])
-        return Fit(self.model, foretold[0], columns, columns, "converged")
-
-    def worth(self, trials: Sequence[Trial]) -> float:
-        """What a search makes most."""
-        return self.scaled(trials)[0] - surprise(self.model)
 
 
 def start(
@@ -219,37 +174,6 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
     best = _moved(refitted(best, scene.trials), scene.trials, LAST, mass=True)
     best = _moved_along(refitted(best, scene.trials), scene.trials)
     return refitted(best, scene.trials)
-
-
-def refitted(point: Hypothesis, trials: Sequence[Trial], fixed: Sequence[int] = ()) -> Hypothesis:
-    """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left; numbers `fixed`
-    stay."""
-    doubts = np.array([c.doubt for c in point.model.coordinates])
-    damping, worth = 1e-2, point.worth(trials)
-    for _ in range(ROUNDS):
-        found = point.predict(trials)
-        if found is None:
-            return point
-        theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
-        white, j = found[0] / factor, point.columns(trials, found[0]) / factor
-        j[:, list(fixed)] = 0.0
-        pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
-        size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
-        before = worth
-        for _ in range(TRIES):
-            table = np.vstack([j, np.diag(pull), np.sqrt(damping) * np.diag(size)])
-            wanted = np.concatenate([white, -pull * theta, np.zeros(len(theta))])
-            step = np.linalg.lstsq(table / size, wanted, rcond=None)[0] / size
-            step[list(fixed)] = 0.0
-            tried = point.at(theta + step)
-            value = tried.worth(trials)
-            if value > worth:
-                point, worth, damping = tried, value, 0.2 * damping
-                break
-            damping = max(10.0 * damping, 1e-2)
-        if worth - before < 0.5 * STILL:
-            break
-    return point
 
 
 def _moved(

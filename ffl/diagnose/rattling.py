@@ -17,13 +17,14 @@ import numpy as np
 
 from ffl.diagnose.amounts import NAMES, claims, effect_values, sizes
 from ffl.diagnose.company import separable
+from ffl.diagnose.foretold import refitted
 from ffl.diagnose.freeform import free_form
 from ffl.diagnose.judging import SHARE, Judged
 from ffl.diagnose.line import SURE
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, partly_coloured
 from ffl.diagnose.places import Place, places_of
-from ffl.diagnose.play import GRIDS, LOOSENESS, Hypothesis, closed, refitted, settled, start
+from ffl.diagnose.play import GRIDS, LOOSENESS, Hypothesis, closed, settled, start
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
 from ffl.diagnose.settle import KEEP
