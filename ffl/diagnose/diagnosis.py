@@ -11,6 +11,7 @@ from numpy.random import Generator
 from ffl.diagnose import sound
 from ffl.diagnose.clip import clipping
 from ffl.diagnose.conclude import SHORTEST, conclude, faulty, too_short, unlike
+from ffl.diagnose.dry_in_noise import with_dry_friction
 from ffl.diagnose.heard import with_modes_heard
 from ffl.diagnose.judging import judge, raw_error
 from ffl.diagnose.line import across_the_line, against_the_refused
@@ -42,6 +43,14 @@ from ffl.systems.plant import Plant
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
+RATTLES = (
+    "the loop rattles across the play, and two runs of one machine part within a second: the play was "
+    "named by prediction from sample to sample; free-running figures say little"
+)
+SMOOTHS = (
+    "noise decides when this machine sticks and slips, which a free run knows nothing of: dry friction was "
+    "named by prediction from sample to sample"
+)
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 
@@ -178,13 +187,11 @@ def _named(
         held = replace(held, noise=plain, plain=True)
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
     outcome = with_rattling(scene, held, outcome, told, prior)
+    outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:
         say(f"{standing.name}: foretells sample by sample what no free run does")
-        notes.append(
-            "the loop rattles across the play, and two runs of one machine part within a second: the "
-            "play was named by prediction from sample to sample; free-running figures say little"
-        )
+        notes.append(RATTLES if "backlash" in standing.model.names else SMOOTHS)
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")

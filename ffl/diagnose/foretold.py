@@ -73,6 +73,10 @@ class Foretold:
                 found[:, k] = (white - there[0]) / step
         return found
 
+    def linearised(self, trials: Sequence[Trial], found: tuple[Array, Array], factor: float):  # type: ignore[no-untyped-def]
+        """(what is to be made small, its derivatives by theta), with all noise times `factor`."""
+        return found[0] / factor, self.columns(trials, found[0]) / factor
+
     def fit(self, trials: Sequence[Trial]) -> Fit | None:
         """As it stands; None: no such plant."""
         foretold = self.predict(trials)
@@ -96,7 +100,7 @@ def refitted(point: Told, trials: Sequence[Trial], fixed: Sequence[int] = ()) ->
         if found is None:
             return point
         theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
-        white, j = found[0] / factor, point.columns(trials, found[0]) / factor
+        white, j = point.linearised(trials, found, factor)
         j[:, list(fixed)] = 0.0
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
