@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.company import separable
 from ffl.diagnose.foretold import refitted
 from ffl.diagnose.judging import Judged
 from ffl.diagnose.line import crosses
@@ -24,23 +25,12 @@ from ffl.diagnose.noise import Noise, partly_coloured
 from ffl.diagnose.places import POINT, places_of
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.slipping import Slip
+from ffl.diagnose.settle import DRY
+from ffl.diagnose.slipping import LINEAR, Slip
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
-# What passes for dry friction in loud noise, or is it: what the contest may have named.
-ALIKE = frozenset(
-    {
-        "coulomb_friction",
-        "asymmetric_friction",
-        "stribeck_friction",
-        "presliding_friction",
-        "position_dependent_friction",
-        "hysteresis",
-        "viscous_friction",
-        "quadratic_drag",
-    }
-)
+PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
 CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
 LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
@@ -51,12 +41,16 @@ KNOTS = 9  # of a table
 def with_dry_friction(
     scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
 ) -> Outcome:
-    """`outcome`, or, where a dry friction alone foretells fitted and held-out recordings clearly better
-    than what stands, that friction; `told`: the model with no effect, `prior`: noise as the plant file
+    """`outcome`, or, where a dry friction foretells fitted and held-out recordings clearly better than what
+    stands in its place, that friction; `told`: the model with no effect, `prior`: noise as the plant file
     states it."""
     standing = outcome.standing
-    if held is None or told.acting or standing.predicted or not _may_hide(standing.model):
+    if held is None or told.acting or standing.predicted:
         return outcome
+    company = _company(standing.model)
+    if company is None:
+        return outcome
+    told = replace(told, effects=company)
     if scene.plain or scene.observed or not told.base.plant.machine.states_noise:
         return outcome
     if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
@@ -77,12 +71,20 @@ def with_dry_friction(
         return outcome
     name = best.model.names[-1]
     step = Step(standing, (), (best,), best)
-    contenders = {name: [(one.model.names[-1], one) for one in rivals]}
+    kept = {k: v for k, v in outcome.contenders.items() if k in best.model.names}
+    contenders = {**kept, name: [(one.model.names[-1], one) for one in rivals]}
     return Outcome(best, [*outcome.steps, step], outcome.held, contenders)
 
 
-def _may_hide(model: Model) -> bool:
-    return len(model.names) <= 1 and set(model.names) <= ALIKE
+def _company(model: Model) -> tuple[EffectSpec, ...] | None:
+    """What stands beside a friction or what passes for one; None where neither stands, or something that the
+    filter does not know."""
+    names = set(model.names)
+    friction = names & DRY or names & PASSES
+    if model.effects and len(friction) != 1:
+        return None
+    beside = tuple(spec for spec in model.effects if spec.name not in friction)
+    return beside if all(spec.name in LINEAR or separable(spec) for spec in beside) else None
 
 
 def _worth(judged: Judged) -> tuple[float, float]:
@@ -120,7 +122,7 @@ def _forms(scene: Scene, told: Model, noises: Sequence[Noise]) -> list[Slip]:
         spec.parameters["level"],
         {k: spec.options[k] for k in POINT if k in spec.options},
     )
-    bare = replace(plain.model, effects=told.effects)
+    bare = plain.model.without(len(told.effects))
     speed = _rms([np.diff(t.y) / t.sample_time for t in trials])
     low, high = (end(end(t.y) for t in trials) for end in (min, max))
     flat = [level] * KNOTS

@@ -22,6 +22,7 @@ import numpy as np
 import scipy.linalg
 from numba import njit
 
+from ffl.diagnose.company import separable, without
 from ffl.diagnose.foretold import Foretold
 from ffl.diagnose.linear import corrected
 from ffl.diagnose.model import Model
@@ -39,6 +40,9 @@ FORMS = (
     "stribeck_friction",
     "presliding_friction",
     "position_dependent_friction",
+)
+LINEAR = frozenset(
+    {"viscous_friction", "mass_change", "linear_stiffness", "constant_load", "flexible_mode"}
 )
 NEVER = 1e12  # speeds over which a level that does not fall would fall
 UNKNOWN = 10.0  # times what noise alone makes of the state: where a recording begins in motion
@@ -187,7 +191,7 @@ class Slipping:
             if spec.name in FORMS:
                 at = setting.point(effect.side_in(setting))
                 dry = at, levels(spec, per), ease(spec), contact(spec, per)
-            else:
+            elif not separable(spec):
                 mechanics = effect.modify(mechanics, spec.parameters, setting)
         if (
             mechanics.fast.order
@@ -312,7 +316,7 @@ def _swing(move: Array, push: Array) -> Array:
 @dataclass(frozen=True)
 class Slip(Foretold):
     """A model whose dry friction, if it has one, is foretold by `Slipping`; what else it has belongs to
-    the linear part."""
+    the linear part (`LINEAR`), or can be taken out of the recordings (`company`)."""
 
     @property
     def steps(self) -> Array:
@@ -326,7 +330,9 @@ class Slip(Foretold):
             return None
         if slipping is None:
             return None
-        pairs = [slipping.predict(trial, self.noise) for trial in trials]
+        others = [spec for spec in self.model.effects if separable(spec)]
+        seen = [without(trial, others) if others else trial for trial in trials]
+        pairs = [slipping.predict(trial, self.noise) for trial in seen]
         e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         with np.errstate(all="ignore"):
             white = e / s

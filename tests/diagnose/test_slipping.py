@@ -95,13 +95,29 @@ def test_friction_takes_its_place_where_it_foretells_and_nowhere_else(seen, effe
     assert {name for name, _ in after.contenders["asymmetric_friction"]} == set(FORMS)
 
 
-def test_what_is_not_a_lone_friction_stays(seen):
+def test_company_that_the_filter_does_not_know_stays(seen):
     scene, held, model = seen(SKEWED)
-    ripple = EffectSpec("encoder_ripple", {"amplitude": 1e-6, "period": 4e-3})
-    for effects in ((ripple,), (SKEWED, ripple)):
+    wave = EffectSpec("cogging", {"amplitude": 0.1, "period": 4e-3})
+    for effects in ((wave,), (SKEWED, wave), (EffectSpec("constant_load", {"force": 0.1}),)):
         standing = judge(scene, held, replace(model, effects=effects), 1)
         outcome = Outcome(standing, [], held, {})
         assert with_dry_friction(scene, held, outcome, model, scene.noise) is outcome
+
+
+def test_friction_is_told_beside_what_drives_the_machine_and_what_it_carries(seen):
+    late = EffectSpec("input_delay", {"delay": 2e-3})
+    weight = EffectSpec("constant_load", {"force": 2.0})
+    scene, held, model = seen(late, weight, SKEWED)
+    passing = EffectSpec("viscous_friction", {"coefficient": 20.0})
+    standing = judge(scene, held, replace(model, effects=(late, weight, passing)), 6)
+    outcome = Outcome(standing, [], held, {})
+    found = with_dry_friction(scene, held, outcome, model, scene.noise).standing
+    assert found.model.names == ("input_delay", "constant_load", "coulomb_friction")
+    assert found.model.effects[0].parameters["delay"] == pytest.approx(2e-3, rel=0.2)
+    # A level for each direction beside a weight: one number says both.
+    level, force = (found.model.effects[k].parameters for k in (2, 1))
+    assert level["level"] == pytest.approx(1.8, rel=0.3)
+    assert force["force"] == pytest.approx(2.6, rel=0.3)
 
 
 def test_forms_of_friction_in_the_filters_terms():
