@@ -32,6 +32,7 @@ from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
 CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+TRUSTED = 1.5  # times the stated noise: a filter that needs more leaves more than noise
 LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 5e-2)  # of the travel
@@ -67,7 +68,7 @@ def with_dry_friction(
     gains = [
         b - a for one in (plain, before) for a, b in zip(_worth(one), _worth(best), strict=True)
     ]
-    if min(gains) < CLEAR or crosses(scene, best):
+    if min(gains) < CLEAR or crosses(scene, best) or _louder(best.scene.noise, prior) > TRUSTED:
         return outcome
     name = best.model.names[-1]
     step = Step(standing, (), (best,), best)
@@ -77,14 +78,23 @@ def with_dry_friction(
 
 
 def _company(model: Model) -> tuple[EffectSpec, ...] | None:
-    """What stands beside a friction or what passes for one; None where neither stands, or something that the
-    filter does not know."""
+    """What stands beside a friction or what passes for one; None where neither stands, or something that
+    the filter does not know."""
     names = set(model.names)
     friction = names & DRY or names & PASSES
     if model.effects and len(friction) != 1:
         return None
     beside = tuple(spec for spec in model.effects if spec.name not in friction)
     return beside if all(spec.name in LINEAR or separable(spec) for spec in beside) else None
+
+
+def _louder(noise: Noise, stated: Noise) -> float:
+    """How many times louder force or sensor are than stated."""
+    force = np.hypot(noise.force, noise.force_coloured) / np.hypot(
+        stated.force, stated.force_coloured
+    )
+    sensor = np.hypot(noise.sensor, noise.sensor_coloured)
+    return float(max(force, sensor / np.hypot(stated.sensor, stated.sensor_coloured)))
 
 
 def _worth(judged: Judged) -> tuple[float, float]:
