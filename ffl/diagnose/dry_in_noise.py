@@ -155,8 +155,8 @@ def _forms(scene: Scene, told: Model, noises: Sequence[Noise]) -> list[Slip]:
     }
     out = [refitted(Slip(told, noise), trials), plain]
     for name, values in starts.items():
-        begun = [_with(bare, noise, name, options, **own) for own in values]
-        out.append(refitted(max(begun, key=lambda h: h.worth(trials)), trials))
+        fits = [refitted(_with(bare, noise, name, options, **own), trials) for own in values]
+        out.append(max(fits, key=lambda h: h.worth(trials)))
     return out
 
 
