@@ -25,8 +25,10 @@ BY_POSITION = frozenset({"encoder_ripple", "position_dependent_gain"})  # sums o
 
 
 def separable(spec: EffectSpec) -> bool:
-    """Whether `without` can take the effect out of a recording."""
-    return _drives(EFFECTS[spec.name]) or spec.name in BY_POSITION
+    """Whether `without` can take the effect out of a recording; not a gain by the position of a motor that
+    moves otherwise than the sensor."""
+    by_position = spec.name in BY_POSITION and spec.options.get("mass_ratio") is None
+    return _drives(EFFECTS[spec.name]) or by_position
 
 
 def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:

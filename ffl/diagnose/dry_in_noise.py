@@ -16,17 +16,18 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.amounts import claims, sizes
 from ffl.diagnose.company import separable
 from ffl.diagnose.foretold import refitted
-from ffl.diagnose.judging import Judged
+from ffl.diagnose.judging import SHARE, Judged, credible
 from ffl.diagnose.line import crosses
 from ffl.diagnose.model import Model
 from ffl.diagnose.noise import Noise, partly_coloured
 from ffl.diagnose.places import POINT, places_of
 from ffl.diagnose.rounds import Outcome, Step
 from ffl.diagnose.scene import Scene
-from ffl.diagnose.settle import DRY
-from ffl.diagnose.slipping import LINEAR, Slip
+from ffl.diagnose.settle import DRY, PLIABLE, SUBSTITUTE
+from ffl.diagnose.slipping import FORMS, LINEAR, Slip
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -35,8 +36,9 @@ CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and 
 TRUSTED = 1.5  # times the stated noise: a filter that needs more leaves more than noise
 LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
-YIELDS = (5e-4, 2e-3, 1e-2, 5e-2)  # of the travel
+YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
+FOOTING = 50.0  # nats a recording: more is no matter of where it begins
 
 
 def with_dry_friction(
@@ -51,30 +53,61 @@ def with_dry_friction(
     company = _company(standing.model)
     if company is None:
         return outcome
-    told = replace(told, effects=company)
     if scene.plain or scene.observed or not told.base.plant.machine.states_noise:
         return outcome
+    scene, held = (
+        replace(scene, trials=standing.scene.trials),
+        standing.held or outcome.held or held,
+    )
     if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
         return outcome
-    if not told.base.simulator.mechanics.modes:
+    told = replace(told, effects=company)
+    begun = replace(told, corrections=standing.model.corrections)
+    noises = (prior, partly_coloured(prior), standing.scene.noise)
+    plain, rivals = _forms(scene, held, (told, begun), noises)
+    best = _best(rivals)
+    if best is not None and crosses(scene, best):
+        best = _as_stated(best, scene, held)
+    if plain is None or best is None:
         return outcome
-    none, *forms = _forms(scene, told, (prior, partly_coloured(prior), standing.scene.noise))
-    judged = [_judged(found, scene, held) for found in (none, *forms)]
-    if any(one is None for one in judged):
-        return outcome
-    plain, *rivals = [one for one in judged if one is not None]
-    best = max(rivals, key=lambda one: one.score)
-    before = replace(standing, held_out=_by_free_runs(standing, held))
+    before = _by_free_runs(standing, best, scene, held, told)
     gains = [
         b - a for one in (plain, before) for a, b in zip(_worth(one), _worth(best), strict=True)
     ]
     if min(gains) < CLEAR or crosses(scene, best) or _louder(best.scene.noise, prior) > TRUSTED:
         return outcome
     name = best.model.names[-1]
-    step = Step(standing, (), (best,), best)
+    stood = next((n for n in before.model.names if n in DRY | PASSES), "nothing")
     kept = {k: v for k, v in outcome.contenders.items() if k in best.model.names}
-    contenders = {**kept, name: [(one.model.names[-1], one) for one in rivals]}
+    others = [(one.model.names[-1], one) for one in rivals]
+    contenders = {**kept, name: others if stood in FORMS else [*others, (stood, before)]}
+    step = Step(before, (), (best,), best)
     return Outcome(best, [*outcome.steps, step], outcome.held, contenders)
+
+
+def _best(rivals: Sequence[Judged]) -> Judged | None:
+    """The likeliest form that has numbers of its physics; a table must say more, not fit a little better,
+    and what does as well with fewer numbers is preferred."""
+    able = [one for one in rivals if credible(one)]
+    if not able:
+        return None
+    share = SHARE * max(len(one.fit.white) for one in able)
+
+    def worth(one: Judged) -> float:
+        return one.score - (share if one.model.names[-1] in PLIABLE else 0.0)
+
+    top = max(worth(one) for one in able)
+    near = [one for one in able if worth(one) > top - SUBSTITUTE]
+    return min(near, key=lambda one: len(one.model.coordinates))
+
+
+def _as_stated(best: Judged, scene: Scene, held: Scene) -> Judged | None:
+    """`best` with what of mass, damping and stiffness went beyond the contract's line as the plant file has
+    it: it stands for what a step of a sample does not resolve, or for an effect that free runs tell."""
+    beyond = {n for n, size in sizes(scene, best.model).items() if claims(n, size)}
+    corrections = {k: v for k, v in best.model.corrections.items() if k not in beyond}
+    model = replace(best.model, corrections=corrections, held=best.model.held | beyond)
+    return _judged(refitted(Slip(model, best.scene.noise), scene.trials), scene, held)
 
 
 def _company(model: Model) -> tuple[EffectSpec, ...] | None:
@@ -83,6 +116,8 @@ def _company(model: Model) -> tuple[EffectSpec, ...] | None:
     names = set(model.names)
     friction = names & DRY or names & PASSES
     if model.effects and len(friction) != 1:
+        return None
+    if friction & (PLIABLE | DRY - set(FORMS)):  # free runs made more of it than the filter can
         return None
     beside = tuple(spec for spec in model.effects if spec.name not in friction)
     return beside if all(spec.name in LINEAR or separable(spec) for spec in beside) else None
@@ -102,37 +137,60 @@ def _worth(judged: Judged) -> tuple[float, float]:
     return judged.score - judged.held_out, judged.held_out
 
 
-def _by_free_runs(standing: Judged, held: Scene) -> float:
-    """Log-likelihood of recordings by a free run under the noise that was found, its size left open."""
-    judged = held.like(standing.scene)
-    residuals = judged.residuals(standing.model)
-    return -np.inf if residuals is None else judged.likeliest(judged.whiten(residuals))
+def _by_free_runs(standing: Judged, best: Judged, scene: Scene, held: Scene, told: Model) -> Judged:
+    """`standing` by the likelihood of its free runs, on a footing with the filter's: what this has of the
+    model without friction beyond what whitening has, of where recordings begin, is granted."""
+    worth = []
+    for ground in (scene, held):
+        quiet = replace(ground, worth=1.0).like(best.scene)
+        left = quiet.residuals(told)
+        granted = -np.inf if left is None else quiet.likeliest(quiet.whiten(left))
+        footing = Slip(told, best.scene.noise).scaled(ground.trials)[0] - granted
+        own = replace(ground, worth=1.0).like(standing.scene)
+        left = own.residuals(standing.model)
+        free = -np.inf if left is None else own.likeliest(own.whiten(left))
+        worth.append(free + (footing if abs(footing) < FOOTING * len(ground.trials) else 0.0))
+    return replace(standing, fitted=worth[0], held_out=worth[1])
 
 
 def _rms(parts: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def _forms(scene: Scene, told: Model, noises: Sequence[Noise]) -> list[Slip]:
-    """No friction and its forms, where plain friction foretells best, under that of the `noises` that suits
-    it."""
-    trials = scene.trials
-    force = _rms([t.u for t in trials]) * told.base.simulator.force_per_input
-    tried = []
-    for noise in noises:
-        for place in places_of(told):
-            begun = [
-                _with(told, noise, "coulomb_friction", place.options, level=force * size)
-                for size in LEVELS
+def _forms(
+    scene: Scene, held: Scene, begun: Sequence[Model], noises: Sequence[Noise]
+) -> tuple[Judged | None, list[Judged]]:
+    """The best without friction, from where the corrections stand and from nominal, and forms of friction
+    where plain friction foretells best, under that of the `noises` that suits it."""
+    trials, told = scene.trials, begun[0]
+    base = told.base
+    force = _rms([t.u for t in trials]) * base.simulator.force_per_input
+
+    def likeliest(begun: Sequence[Slip]) -> Slip:
+        return max(begun, key=lambda h: h.worth(trials))
+
+    plain = refitted(
+        likeliest(
+            [
+                _with(model, noise, "coulomb_friction", place.options, level=force * size)
+                for model in begun for noise in noises for place in places_of(told) for size in LEVELS
             ]
-            tried.append(refitted(max(begun, key=lambda h: h.worth(trials)), trials))
-    plain = max(tried, key=lambda h: h.worth(trials))
-    spec, noise = plain.model.effects[-1], plain.noise
+        ),
+        trials,
+    )  # fmt: skip
+    bare = plain.model.without(len(told.effects))
+    none = likeliest(
+        [
+            refitted(Slip(m, noise), trials)
+            for m in (*begun, bare)
+            for noise in {plain.noise, *noises}
+        ]
+    )
+    spec = plain.model.effects[-1]
     level, options = (
         spec.parameters["level"],
         {k: spec.options[k] for k in POINT if k in spec.options},
     )
-    bare = plain.model.without(len(told.effects))
     speed = _rms([np.diff(t.y) / t.sample_time for t in trials])
     low, high = (end(end(t.y) for t in trials) for end in (min, max))
     flat = [level] * KNOTS
@@ -148,16 +206,20 @@ def _forms(scene: Scene, told: Model, noises: Sequence[Noise]) -> list[Slip]:
             for v in FALLS
         ],
         "presliding_friction": [
-            {"level": level, "stiffness": level / (x * told.base.travel), "micro_damping": 0.0}
+            {"level": level, "stiffness": level / (x * base.travel), "micro_damping": 0.0}
             for x in YIELDS
         ],
         "position_dependent_friction": [{"level": level, "table": table}],
     }
-    out = [refitted(Slip(told, noise), trials), plain]
+    forms = [plain]
     for name, values in starts.items():
-        fits = [refitted(_with(bare, noise, name, options, **own), trials) for own in values]
-        out.append(max(fits, key=lambda h: h.worth(trials)))
-    return out
+        forms.append(
+            likeliest(
+                [refitted(_with(bare, plain.noise, name, options, **own), trials) for own in values]
+            )
+        )
+    judged = [_judged(found, scene, held) for found in forms]
+    return _judged(none, scene, held), [one for one in judged if one is not None]
 
 
 def _with(model: Model, noise: Noise, name: str, options, **values: Any) -> Slip:  # type: ignore[no-untyped-def]

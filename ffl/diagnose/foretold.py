@@ -94,6 +94,7 @@ def refitted(point: Told, trials: Sequence[Trial], fixed: Sequence[int] = ()) ->
     """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left; numbers `fixed`
     stay."""
     doubts = np.array([c.doubt for c in point.model.coordinates])
+    point = point.at(point.theta)  # within the bounds of every number
     damping, worth = 1e-2, point.worth(trials)
     for _ in range(ROUNDS):
         found = point.predict(trials)

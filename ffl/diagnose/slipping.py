@@ -45,6 +45,7 @@ LINEAR = frozenset(
     {"viscous_friction", "mass_change", "linear_stiffness", "constant_load", "flexible_mode"}
 )
 NEVER = 1e12  # speeds over which a level that does not fall would fall
+NONE = (0.0, 0.0, NEVER)
 UNKNOWN = 10.0  # times what noise alone makes of the state: where a recording begins in motion
 STIFF = 0.5  # square of what a contact turns by in a sample: one that is stiffer yields in none
 DOUBLINGS = 10  # 1,024 samples, in which noise has made of the state what it may be in doubt by
@@ -87,9 +88,9 @@ def _filter(  # type: ignore[no-untyped-def]
     drift (n,) from constant forces, spread (n, n): one sample without friction; row, spot, speed (n,): y,
     position and speed at the friction's point; kick (n,): of a force there that changes that speed by 1.
     table (3, k): positions, and what the friction takes off the speed in a sample there, moving up and
-    down. ease: how much more of it at rest, as a share, and the speed over which that falls. white:
-    variance of y's white noise. `bristle`: speed and kick are those of a contact's stretch, and it is the
-    stretch that the table bounds.
+    down. ease: how much more of it at rest, as a share and as that, and the speed over which that falls.
+    white: variance of y's white noise. `bristle`: speed and kick are those of a contact's stretch, and it
+    is the stretch that the table bounds.
     """
     n, samples = len(x), len(y)
     out, scale = np.empty(samples), np.empty(samples)
@@ -133,12 +134,13 @@ def _filter(  # type: ignore[no-untyped-def]
             v += speed[i] * x[i]
             square += speed[i] * pv[i]
         doubt = np.sqrt(max(square, 1e-300))
-        more = 1.0
-        if ease[0] != 0.0:  # the mean of exp(-(v/w)^2) over the doubt
-            width = 1.0 + 2.0 * square / (ease[1] * ease[1])
-            more += ease[0] * math.exp(-v * v / (ease[1] * ease[1] * width)) / np.sqrt(width)
-        rising = more * _level(table[0], table[1], place)
-        falling = more * _level(table[0], table[2], place)
+        bell = 0.0
+        if ease[0] != 0.0 or ease[1] != 0.0:  # the mean of exp(-(v/w)^2) over the doubt
+            width = 1.0 + 2.0 * square / (ease[2] * ease[2])
+            bell = math.exp(-v * v / (ease[2] * ease[2] * width)) / np.sqrt(width)
+        more = 1.0 + ease[0] * bell
+        rising = more * _level(table[0], table[1], place) + ease[1] * bell
+        falling = more * _level(table[0], table[2], place) + ease[1] * bell
         if rising <= 0.0 and falling <= 0.0 and not bristle:
             continue
         up, mean_up, square_up = _beyond(v - rising, doubt)
@@ -173,26 +175,27 @@ class Slipping:
     place: Array
     speed: Array
     table: Array  # (3, k): positions and the levels there in either direction, input units
-    ease: tuple[float, float]  # share more at rest, and the speed over which that falls
-    bristle: tuple[float, float]  # stiffness and damping of a contact, input units; 0: it is stiff
+    ease: tuple[float, float, float]  # more at rest, as a share and in input units, and its speed
+    bristle: float  # stiffness of a contact, input units; 0: it does not yield
     hung: Array
     delay: int
     sample_time: float
 
     @classmethod
     def of(cls, model: Model) -> Slipping | None:
-        """None for a plant that no such filter describes: parts faster than any continuous system."""
+        """None for a plant that no such filter describes (parts faster than any continuous system), or
+        where something stands beside the friction that is neither `LINEAR` nor separable."""
         per = model.base.simulator.force_per_input
         mechanics = corrected(model.base.simulator.mechanics, dict(model.corrections))
         dry = None
         for spec in model.effects:
             setting = Setting(per, mechanics, spec.options)
-            effect = EFFECTS[spec.name]
-            if spec.name in FORMS:
-                at = setting.point(effect.side_in(setting))
-                dry = at, levels(spec, per), ease(spec), contact(spec, per)
+            if spec.name in LINEAR:
+                mechanics = EFFECTS[spec.name].modify(mechanics, spec.parameters, setting)
+            elif spec.name in FORMS and dry is None:
+                dry = spec
             elif not separable(spec):
-                mechanics = effect.modify(mechanics, spec.parameters, setting)
+                return None
         if (
             mechanics.fast.order
             or mechanics.place is not None
@@ -200,8 +203,13 @@ class Slipping:
             or not mechanics.modes
         ):
             return None
-        none = mechanics.point("motor"), np.zeros((3, 1)), (0.0, NEVER), (0.0, 0.0)
-        point, table, eases, bristle = dry or none
+        if dry is None:
+            point, table, eases, bristle = mechanics.point("motor"), np.zeros((3, 1)), NONE, 0.0
+        else:
+            setting = Setting(per, mechanics, dry.options)
+            point = setting.point(EFFECTS[dry.name].side_in(setting))
+            table, eases = levels(dry, per), ease(dry, per)
+            bristle = dry.parameters.get("stiffness", 0.0) / per
         load = sum((f * at.force for at, f in mechanics.bias), np.zeros(mechanics.order))
         return cls(
             mechanics.a, mechanics.b, load, mechanics.c, point.force, point.position,
@@ -213,12 +221,12 @@ class Slipping:
         """(innovations (N,) in output units, their standard deviations (N,)) of one recording, from y
         and u as measured."""
         n, step = len(self.a), self.sample_time
-        stiffness, damping = self.bristle
+        stiffness = self.bristle
         if stiffness * float(self.speed @ self.force) * step**2 > STIFF:
-            stiffness = damping = 0.0
+            stiffness = 0.0
         m = n + (stiffness > 0.0)  # the stretch of a contact is one state more
         block = np.zeros((m + 3, m + 3))
-        block[:n, :n] = self.a - damping * np.outer(self.force, self.speed)
+        block[:n, :n] = self.a
         if m > n:
             block[:n, n], block[n, :n] = -stiffness * self.force, self.speed
         block[:n, m:] = np.column_stack([self.drive, self.load, self.force])
@@ -245,7 +253,9 @@ class Slipping:
         spread[m + 1, m + 1] = noise.force_coloured**2 * (1.0 - colour[1] ** 2)
         if m > n:
             rows[3, n] = large[n]
-            per, at, kick = 1.0 / stiffness, rows[3], (np.arange(m + 2) == n) / large[n]
+            # Beyond its bounds the stretch has pushed as well, in the mean by half of its excess.
+            per, at, kick = 1.0 / stiffness, rows[3], -0.5 * stiffness * force
+            kick[n] += 1.0 / large[n]
         else:
             per, at = float(rows[2] @ force), rows[2]
             kick = force / per
@@ -256,7 +266,7 @@ class Slipping:
             sent = np.concatenate([np.full(self.delay, sent[0]), sent[: -self.delay]])
         return _filter(
             trial.y, sent, x, p, whole, push, drift, spread, rows[0], rows[1], at, kick, table,
-            np.array(self.ease), noise.sensor**2, m > n,
+            np.array(self.ease) * np.array([1.0, per, 1.0]), noise.sensor**2, m > n,
         )  # fmt: skip
 
     def _start(self, trial: Trial, noise: Noise, large: Array, swing: Array) -> tuple[Array, Array]:
@@ -289,20 +299,15 @@ def levels(spec: EffectSpec, per: float) -> Array:
     return np.array([[0.0], [level], [level]])
 
 
-def ease(spec: EffectSpec) -> tuple[float, float]:
-    """How much more of the level there is at rest, as a share, and the speed over which that falls."""
+def ease(spec: EffectSpec, per: float) -> tuple[float, float, float]:
+    """How much more of the level there is at rest, as a share and in input units, and the speed over which
+    that falls."""
     p = spec.parameters
     if spec.name == "stribeck_friction":
-        return p["static_level"] / max(p["coulomb_level"], 1e-300) - 1.0, p["stribeck_velocity"]
+        return 0.0, (p["static_level"] - p["coulomb_level"]) / per, p["stribeck_velocity"]
     if p.get("stribeck_velocity", 0.0) > 0.0:
-        return p["static_ratio"] - 1.0, p["stribeck_velocity"]
-    return 0.0, NEVER
-
-
-def contact(spec: EffectSpec, per: float) -> tuple[float, float]:
-    """Stiffness and damping, in input units, of a contact that yields; 0 for one that does not."""
-    p = spec.parameters
-    return p.get("stiffness", 0.0) / per, p.get("micro_damping", 0.0) / per
+        return p["static_ratio"] - 1.0, 0.0, p["stribeck_velocity"]
+    return NONE
 
 
 def _swing(move: Array, push: Array) -> Array:

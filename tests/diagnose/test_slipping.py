@@ -92,7 +92,8 @@ def test_friction_takes_its_place_where_it_foretells_and_nowhere_else(seen, effe
         return
     assert after.standing.model.names == ("asymmetric_friction",)
     assert after.standing.predicted
-    assert {name for name, _ in after.contenders["asymmetric_friction"]} == set(FORMS)
+    rivals = {name for name, _ in after.contenders["asymmetric_friction"]}
+    assert rivals == {*FORMS, "nothing"}
 
 
 def test_company_that_the_filter_does_not_know_stays(seen):
@@ -126,7 +127,7 @@ def test_forms_of_friction_in_the_filters_terms():
         {"coulomb_level": 2.0, "static_level": 3.0, "stribeck_velocity": 0.01},
     )
     np.testing.assert_allclose(levels(stribeck, 2.0), [[0.0], [1.0], [1.0]])
-    assert ease(stribeck) == (0.5, 0.01)
+    assert ease(stribeck, 2.0) == (0.0, 0.5, 0.01)
     by_place = EffectSpec("position_dependent_friction", {"table": TABLE, "level": 2.0})
     np.testing.assert_allclose(levels(by_place, 2.0), [[-0.1, 0.1], [0.5, 1.0], [1.0, 1.5]])
     np.testing.assert_allclose(levels(SKEWED, 1.0), [[0.0], [1.2], [2.4]])
