@@ -47,7 +47,8 @@ LINEAR = frozenset(
 NEVER = 1e12  # speeds over which a level that does not fall would fall
 NONE = (0.0, 0.0, NEVER)
 UNKNOWN = 10.0  # times what noise alone makes of the state: where a recording begins in motion
-STIFF = 0.5  # square of what a contact turns by in a sample: one that is stiffer yields in none
+STEPS = 4  # of a sample, where a contact yields
+STIFF = 2.5  # what a contact turns by in a sample: one that is stiffer yields in none
 DOUBLINGS = 10  # 1,024 samples, in which noise has made of the state what it may be in doubt by
 STEP = 0.01  # of a logarithm, or of a number's scale, for derivatives
 
@@ -80,17 +81,19 @@ def _level(grid, values, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _filter(  # type: ignore[no-untyped-def]
-    y, u, x, p, move, push, drift, spread, row, spot, speed, kick, table, ease, white, bristle
-):  # type: ignore[no-untyped-def]
+    y, u, x, p, move, push, drift, colour, renewed, steps, row, spot, speed, kick, table, ease, white,
+    bristle,
+):  # fmt: skip  # type: ignore[no-untyped-def]
     """(innovations (N,), their standard deviations (N,)).
 
-    State x (n,) with covariance p, at the first sample before its y is seen. move (n, n), push (n,) from u,
-    drift (n,) from constant forces, spread (n, n): one sample without friction; row, spot, speed (n,): y,
-    position and speed at the friction's point; kick (n,): of a force there that changes that speed by 1.
-    table (3, k): positions, and what the friction takes off the speed in a sample there, moving up and
-    down. ease: how much more of it at rest, as a share and as that, and the speed over which that falls.
-    white: variance of y's white noise. `bristle`: speed and kick are those of a contact's stretch, and it
-    is the stretch that the table bounds.
+    State x (n,) with covariance p, at the first sample before its y is seen; its last are noises, held over
+    a sample and then `colour` (c,) of themselves, with variances `renewed` (c,) of what is new. move
+    (n, n), push (n,) from u, drift (n,) from constant forces: one of the `steps` of a sample, without
+    friction; row, spot, speed (n,): y, position and speed at the friction's point; kick (n,): of a force
+    there that changes that speed by 1. table (3, k): positions, and what the friction takes off the speed
+    in a step there, moving up and down. ease: how much more of it at rest, as a share and as that, and the
+    speed over which that falls. white: variance of y's white noise. `bristle`: speed and kick are those of
+    a contact's stretch, and it is the stretch that the table bounds.
     """
     n, samples = len(x), len(y)
     out, scale = np.empty(samples), np.empty(samples)
@@ -110,55 +113,63 @@ def _filter(  # type: ignore[no-untyped-def]
             x[i] += pc[i] * e / s
             for j in range(n):
                 p[i, j] -= pc[i] * pc[j] / s
-        for i in range(n):
-            new[i] = push[i] * u[t] + drift[i]
+        for _ in range(steps):
+            for i in range(n):
+                new[i] = push[i] * u[t] + drift[i]
+                for j in range(n):
+                    new[i] += move[i, j] * x[j]
+                    other[i, j] = 0.0
+                    for k in range(n):
+                        other[i, j] += move[i, k] * p[k, j]
+            for i in range(n):
+                x[i] = new[i]
+                for j in range(i + 1):
+                    total = 0.0
+                    for k in range(n):
+                        total += other[i, k] * move[j, k]
+                    p[i, j] = total
+                    p[j, i] = total
+            v, square, place = 0.0, 0.0, 0.0
+            for i in range(n):
+                place += spot[i] * x[i]
+                pv[i] = 0.0
+                for j in range(n):
+                    pv[i] += p[i, j] * speed[j]
+                v += speed[i] * x[i]
+                square += speed[i] * pv[i]
+            doubt = np.sqrt(max(square, 1e-300))
+            bell = 0.0
+            if ease[0] != 0.0 or ease[1] != 0.0:  # the mean of exp(-(v/w)^2) over the doubt
+                width = 1.0 + 2.0 * square / (ease[2] * ease[2])
+                bell = math.exp(-v * v / (ease[2] * ease[2] * width)) / np.sqrt(width)
+            more = 1.0 + ease[0] * bell
+            rising = more * _level(table[0], table[1], place) + ease[1] * bell
+            falling = more * _level(table[0], table[2], place) + ease[1] * bell
+            if rising <= 0.0 and falling <= 0.0 and not bristle:
+                continue
+            up, mean_up, square_up = _beyond(v - rising, doubt)
+            down, mean_down, square_down = _beyond(-v - falling, doubt)
+            left, slope = mean_up - mean_down, up + down
+            rest = max(square_up + square_down - left * left - slope * slope * square, 0.0)
+            # p' = (1 - g kick speed) p (...)' + rest kick kick', g the share that sticks, or slides
+            g, change = 1.0 - slope, v - left
+            if bristle:
+                g, change = slope, left
+            for i in range(n):
+                x[i] -= kick[i] * change
+            for i in range(n):
+                for j in range(i + 1):
+                    total = p[i, j] - g * (kick[i] * pv[j] + pv[i] * kick[j])
+                    total += (g * g * square + rest) * kick[i] * kick[j]
+                    p[i, j] = total
+                    p[j, i] = total
+        for k in range(len(colour)):
+            at = n - len(colour) + k
+            x[at] *= colour[k]
             for j in range(n):
-                new[i] += move[i, j] * x[j]
-                other[i, j] = 0.0
-                for k in range(n):
-                    other[i, j] += move[i, k] * p[k, j]
-        for i in range(n):
-            x[i] = new[i]
-            for j in range(i + 1):
-                total = spread[i, j]
-                for k in range(n):
-                    total += other[i, k] * move[j, k]
-                p[i, j] = total
-                p[j, i] = total
-        v, square, place = 0.0, 0.0, 0.0
-        for i in range(n):
-            place += spot[i] * x[i]
-            pv[i] = 0.0
-            for j in range(n):
-                pv[i] += p[i, j] * speed[j]
-            v += speed[i] * x[i]
-            square += speed[i] * pv[i]
-        doubt = np.sqrt(max(square, 1e-300))
-        bell = 0.0
-        if ease[0] != 0.0 or ease[1] != 0.0:  # the mean of exp(-(v/w)^2) over the doubt
-            width = 1.0 + 2.0 * square / (ease[2] * ease[2])
-            bell = math.exp(-v * v / (ease[2] * ease[2] * width)) / np.sqrt(width)
-        more = 1.0 + ease[0] * bell
-        rising = more * _level(table[0], table[1], place) + ease[1] * bell
-        falling = more * _level(table[0], table[2], place) + ease[1] * bell
-        if rising <= 0.0 and falling <= 0.0 and not bristle:
-            continue
-        up, mean_up, square_up = _beyond(v - rising, doubt)
-        down, mean_down, square_down = _beyond(-v - falling, doubt)
-        left, slope = mean_up - mean_down, up + down
-        rest = max(square_up + square_down - left * left - slope * slope * square, 0.0)
-        # p' = (1 - g kick speed) p (...)' + rest kick kick', g the share that sticks, or slides
-        g, change = 1.0 - slope, v - left
-        if bristle:
-            g, change = slope, left
-        for i in range(n):
-            x[i] -= kick[i] * change
-        for i in range(n):
-            for j in range(i + 1):
-                total = p[i, j] - g * (kick[i] * pv[j] + pv[i] * kick[j])
-                total += (g * g * square + rest) * kick[i] * kick[j]
-                p[i, j] = total
-                p[j, i] = total
+                p[at, j] *= colour[k]
+                p[j, at] *= colour[k]
+            p[at, at] += renewed[k]
     return out, scale
 
 
@@ -222,7 +233,7 @@ class Slipping:
         and u as measured."""
         n, step = len(self.a), self.sample_time
         stiffness = self.bristle
-        if stiffness * float(self.speed @ self.force) * step**2 > STIFF:
+        if np.sqrt(stiffness * float(self.speed @ self.force)) * step > STIFF:
             stiffness = 0.0
         m = n + (stiffness > 0.0)  # the stretch of a contact is one state more
         block = np.zeros((m + 3, m + 3))
@@ -231,26 +242,25 @@ class Slipping:
             block[:n, n], block[n, :n] = -stiffness * self.force, self.speed
         block[:n, m:] = np.column_stack([self.drive, self.load, self.force])
         held = scipy.linalg.expm(block * step)
-        move, (push, drift, force) = held[:m, :m], held[:m, m:].T
-        swing = _swing(move, push)
+        swing = _swing(held[:m, :m], held[:m, m])
         large = np.sqrt(np.diag(swing))
-        move, push, drift, force = (
-            move * large / large[:, None],
-            push / large,
-            drift / large,
-            force / large,
+        steps = STEPS if m > n else 1
+        held = scipy.linalg.expm(block * step / steps)
+        move, (push, drift, force) = held[:m, :m], held[:m, m:].T
+        move = move * large / large[:, None]
+        push, drift, force = push / large, drift / large, force / large
+        # Noises of sensor and force that stay over a sample or longer are the last states.
+        corners = np.array([noise.sensor_corner, noise.force_corner, np.inf])
+        colour = np.exp(-2 * np.pi * corners * step)
+        power = np.array([noise.sensor_coloured, noise.force_coloured, noise.force]) ** 2
+        whole = np.eye(m + 3)
+        whole[:m, :m], whole[:m, m + 1], whole[:m, m + 2] = move, push, push
+        push, drift, force, large = (
+            np.append(b, (0.0, 0.0, 0.0)) for b in (push, drift, force, large)
         )
-        colour = np.exp(-2 * np.pi * np.array([noise.sensor_corner, noise.force_corner]) * step)
-        whole = np.zeros((m + 2, m + 2))
-        whole[:m, :m], whole[:m, m + 1] = move, push
-        whole[m, m], whole[m + 1, m + 1] = colour
-        push, drift, force, large = (np.append(b, (0.0, 0.0)) for b in (push, drift, force, large))
-        rows = np.zeros((4, m + 2))
+        rows = np.zeros((4, m + 3))
         rows[:3, :n] = np.stack([self.output, self.place, self.speed]) * large[:n]
         rows[0, m] = 1.0
-        spread = noise.force**2 * np.outer(push, push)
-        spread[m, m] = noise.sensor_coloured**2 * (1.0 - colour[0] ** 2)
-        spread[m + 1, m + 1] = noise.force_coloured**2 * (1.0 - colour[1] ** 2)
         if m > n:
             rows[3, n] = large[n]
             # Beyond its bounds the stretch has pushed as well, in the mean by half of its excess.
@@ -260,28 +270,28 @@ class Slipping:
             per, at = float(rows[2] @ force), rows[2]
             kick = force / per
         table = self.table * np.array([[1.0], [per], [per]])
-        x, p = self._start(trial, noise, large[:m], swing / np.outer(large[:m], large[:m]))
+        x, p = self._start(trial, power, large[:m], swing / np.outer(large[:m], large[:m]))
         sent = trial.u if trial.load is None else trial.u + trial.load
         if self.delay:
             sent = np.concatenate([np.full(self.delay, sent[0]), sent[: -self.delay]])
         return _filter(
-            trial.y, sent, x, p, whole, push, drift, spread, rows[0], rows[1], at, kick, table,
-            np.array(self.ease) * np.array([1.0, per, 1.0]), noise.sensor**2, m > n,
+            trial.y, sent, x, p, whole, push, drift, colour, power * (1.0 - colour**2), steps, rows[0],
+            rows[1], at, kick, table, np.array(self.ease) * np.array([1.0, per, 1.0]), noise.sensor**2,
+            m > n,
         )  # fmt: skip
 
-    def _start(self, trial: Trial, noise: Noise, large: Array, swing: Array) -> tuple[Array, Array]:
+    def _start(self, trial: Trial, power: Array, large: Array, swing: Array) -> tuple[Array, Array]:
         """State at the first sample and its covariance: as the linear model has it, in doubt by what noise
-        makes of it, and in motion by much more."""
+        makes of it, and in motion by much more. `power`: variances of the noises."""
         n, m = len(self.a), len(large)
         own = n - len(self.hung)
         known = np.vstack([np.eye(own), self.hung]) if len(self.hung) else np.eye(n)
         known = known / large[:n, None]
-        x, p = np.zeros(m + 2), np.zeros((m + 2, m + 2))
+        x, p = np.zeros(m + len(power)), np.zeros((m + len(power),) * 2)
         x[:n] = known @ trial.start[:own]
         p[:n, :n] = known @ trial.doubt[:own, :own] @ known.T
-        power = noise.force**2 + noise.force_coloured**2
-        p[:m, :m] += (1.0 if trial.at_rest else UNKNOWN) ** 2 * power * swing
-        p[m, m], p[m + 1, m + 1] = noise.sensor_coloured**2, noise.force_coloured**2
+        p[:m, :m] += (1.0 if trial.at_rest else UNKNOWN) ** 2 * power[1:].sum() * swing
+        p[m:, m:] = np.diag(power)
         return x, p
 
 

@@ -146,3 +146,18 @@ def test_a_contact_that_yields_is_a_stiff_one_where_it_is_stiff(seen):
     )
     assert near == pytest.approx(plain, abs=1e-6)
     assert abs(far - plain) > 5.0
+
+
+def test_a_contact_is_told_that_turns_by_more_than_a_radian_in_a_sample(seen):
+    true = {"level": 1.8, "stiffness": 1e6, "micro_damping": 0.0}
+    scene, held, model = seen(EffectSpec("presliding_friction", true))
+    begun = EffectSpec("presliding_friction", {**true, "level": 0.6, "stiffness": 5e5})
+    dry = EffectSpec("coulomb_friction", {"level": 0.6})
+    found, rigid = (
+        refitted(Slip(model.with_effect(spec), scene.noise), scene.trials) for spec in (begun, dry)
+    )
+    for ground in (scene, held):
+        assert found.scaled(ground.trials)[0] > rigid.scaled(ground.trials)[0] + 15.0
+    told = found.model.effects[0].parameters
+    assert told["level"] == pytest.approx(true["level"], rel=0.2)
+    assert told["stiffness"] == pytest.approx(true["stiffness"], rel=0.4)
