@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.fft
+import scipy.stats
 
 from ffl.diagnose.amounts import NAMES, netted
 from ffl.diagnose.doubt import Doubt, judged_by
@@ -33,6 +34,7 @@ BINS = 4096  # frequencies over which noise is summed up
 CONFIRMED = 4.0  # log-likelihood that held-out recordings must gain from a first effect, else
 UNCONFIRMED = 60.0  # the score that it must bring
 UNTOLD = 200.0  # of it in the fitted ones, where the held-out ones can hardly show the effect
+CONFIRMS, HALF = 100.0, 0.5  # and where they bring this share of what they can show
 LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
 OPEN = 4.0  # log-likelihood of the fitted recordings by which corrections are as good as others
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
@@ -229,14 +231,17 @@ def raw_error(held: Scene | None, model: Model) -> float:
     return float(sum(np.sum(e**2) for e in residuals))
 
 
-def noise_error(held: Scene | None, judged: Scene) -> float:
-    """What noise as `judged` sees it makes of `raw_error` in the mean."""
+def noise_error(held: Scene | None, judged: Scene, chance: float = 0.5) -> float:
+    """What noise as `judged` sees it makes of `raw_error` with this `chance` of more: slow noise is a few
+    large numbers, and may make much more than in the mean."""
     if held is None:
         return 0.0
     step = held.loop.system.sample_time
     frequencies = (np.arange(BINS) + 0.5) / BINS * 0.5 / step
     density = judged.noise.density(Paths.of(held.loop, frequencies))
-    return held.samples * float(np.mean(density))
+    mean = float(np.mean(density))
+    numbers = held.samples * mean**2 / float(np.mean(density**2))
+    return held.samples * mean * float(scipy.stats.chi2.isf(chance, numbers)) / numbers
 
 
 def mean_square(judged: Judged) -> float:
@@ -274,7 +279,7 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
             return False
         drop, share = mean_square(base) / mean_square(rival), SHARE * len(base.held_white)
         told = promise(rival.held_white, base.held_white) * _worth(base)
-        untold = fitted > UNTOLD and told < share
+        untold = told < share and fitted > (CONFIRMS if held > HALF * told else UNTOLD)
         # It would show there, and does not: a mode of 0.4 damping made up for a rough contact, 1,478
         # fitted and none of the 77 that the held-out recordings would bring.
         sure = sure and held >= BOTH * told

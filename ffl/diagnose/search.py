@@ -59,6 +59,7 @@ from ffl.diagnose.views import View, entrants_of, screens
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
+BY_CHANCE = 0.05  # of noise that makes more
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
 NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
 FORKS = 2  # most of these that are followed
@@ -327,11 +328,11 @@ def _above(several: Judged, single: Judged, rivals: Sequence[Judged]) -> bool:
 
 def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: float) -> bool:
     """Whether `judged`, less likely than `before` on the held-out recordings, leaves more there, `now`
-    for `then` (sums of squares) or for what noise leaves, than one further effect may cost."""
+    for `then` (sums of squares), than one further effect may cost and than noise leaves."""
     one, other = levelled([judged, before])
-    return one.held_out < other.held_out and now > WORSE * max(
-        then, noise_error(held, judged.scene)
-    )
+    if one.held_out >= other.held_out or now <= WORSE * then:
+        return False
+    return now > WORSE * noise_error(held, judged.scene, BY_CHANCE)
 
 
 def _claimants(

@@ -15,6 +15,8 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 LEAST = 1e-12  # output units: travel before a level of zero slides
+MUCH = 0.3  # of the level, at the ends: what a spring must make of it to be spoken of
+LITTLE = 0.2  # of the variance of what the directions differ by: what a spring may leave
 
 
 @njit(error_model="numpy")
@@ -207,7 +209,25 @@ class PositionDependentFriction(Effect):
                 f", and is {values['static_ratio']:.3g} of that near standstill, below about "
                 f"{self.quantity(values, 'stribeck_velocity', plant)}"
             )
-        return told + "."
+        return told + "." + self._spring_in(table, plant)
+
+    def _spring_in(self, table: Parameters, plant: Plant) -> str:
+        """What a spring makes of a table: it adds k (x - c) to levels up and takes it off those down."""
+        grid, up, down = (np.array(table[key]) for key in ("grid", "positive", "negative"))
+        odd = 0.5 * (up - down)
+        slope, offset = np.polyfit(grid, odd, 1)
+        left = odd - (slope * grid + offset)
+        at_ends = 0.5 * slope * (grid[-1] - grid[0])
+        if at_ends < MUCH * float(np.mean([up, down])) or np.var(left) > LITTLE * np.var(odd):
+            return ""
+        unit, at = (
+            self.parameter("stiffness").unit_in(plant),
+            f"{-offset / slope:.4g} {plant.output_unit}",
+        )
+        return (
+            f" The directions differ as by a spring of {slope:.4g} {unit} about {at},"
+            " which no recording of such a table tells from it."
+        )
 
 
 _NUMBER = Parameter("table", "F", lower=-np.inf)

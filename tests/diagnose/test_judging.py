@@ -1,14 +1,19 @@
 """Who earns a place, by what the recordings that judge show and would have to show."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ffl.diagnose import judging, unnamed
-from ffl.diagnose.judging import Judged, earns, effective
-from ffl.diagnose.model import Model
-from ffl.systems.plant import EffectSpec
+from ffl.diagnose.judging import Judged, earns, effective, noise_error
+from ffl.diagnose.model import Base, Model
+from ffl.diagnose.noise import Noise
+from ffl.diagnose.scene import Scene
+from ffl.diagnose.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems.plant import EffectSpec, Imperfections
 
 SAMPLES, FITTED, PROMISED = 4000, 1478.0, 77.0
 
@@ -47,21 +52,37 @@ def test_held_out_gains_count_in_equally_many_samples():
     assert not earns(base, rival, 0.0)
 
 
-@pytest.mark.parametrize(("shown", "earned"), [(0.0, False), (0.05, False), (0.15, True)])
-def test_what_would_show_where_it_is_judged_must_show_there(monkeypatch, shown, earned):
-    """A further effect changes what is left there by 77 nats: a tenth of them at least it must gain."""
-    monkeypatch.setattr(judging, "credible", lambda judged: True)
+def _changed(promised: float, shown: float) -> tuple[np.ndarray, np.ndarray]:
+    """Held-out residuals that differ by so many nats, of which the second gains the share `shown`."""
     rng = np.random.default_rng(0)
     before = rng.standard_normal(SAMPLES)
     size = np.linalg.norm(before)
     other = rng.standard_normal(SAMPLES)
     other -= (other @ before) / size**2 * before
-    cosine = (
-        np.sqrt(0.5 * PROMISED) / size
-    )  # mirrored: 0.5 |difference|^2 = PROMISED, of equal length
+    cosine = np.sqrt(0.5 * promised) / size  # mirrored: 0.5 |difference|^2 = promised
     mirror = cosine * before / size + np.sqrt(1 - cosine**2) * other / np.linalg.norm(other)
-    after = (before - 2.0 * (before @ mirror) * mirror) * np.exp(-shown * PROMISED / SAMPLES)
+    after = before - 2.0 * (before @ mirror) * mirror
+    return before, after * np.exp(-shown * promised / SAMPLES)
+
+
+@pytest.mark.parametrize(("shown", "earned"), [(0.0, False), (0.05, False), (0.15, True)])
+def test_what_would_show_where_it_is_judged_must_show_there(monkeypatch, shown, earned):
+    """A further effect changes what is left there by 77 nats: a tenth of them at least it must gain."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    before, after = _changed(PROMISED, shown)
     assert earns(_judged(after, FITTED, Further), _judged(before, 0.0, Further), 0.0) is earned
+
+
+@pytest.mark.parametrize(
+    ("fitted", "shown", "earned"), [(120.0, 0.7, True), (120.0, 0.2, False), (220.0, 0.2, True)]
+)
+def test_what_can_hardly_show_where_it_is_judged_must_be_clear_or_do_what_it_can(
+    monkeypatch, fitted, shown, earned
+):
+    """A further effect changes what is left there by 10 nats, of the 16 that one that shows must bring."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    before, after = _changed(10.0, shown)
+    assert earns(_judged(after, fitted, Further), _judged(before, 0.0, Further), 0.0) is earned
 
 
 @pytest.mark.parametrize(
@@ -74,3 +95,17 @@ def test_maps_along_the_measured_motion_are_asked_where_nothing_runs_there(
     monkeypatch.setattr(unnamed, "_cost", lambda *_: names)
     alone = SimpleNamespace(white=np.zeros(100), cost=maps)
     assert unnamed._astray(None, None, alone) is astray
+
+
+def test_what_noise_makes_of_a_free_run_at_most(stage, references):
+    loud = replace(stage, machine=Imperfections(0.0, 1e-12, 0.5, None))
+    rest, device = np.zeros_like(references[0]), SimulatedMachine(loud)
+    rng = np.random.default_rng(5)
+    made = [float(np.sum(device.run(rest, rest, rng).y ** 2)) for _ in range(300)]
+    base = Base.of(loud, 0.1)
+    trial = prepare(base.simulator, device.run(references[0], rest, rng), 1e-7)
+    scene = Scene(loud.loop, (trial,), Noise(1e-12, 0.5))
+    assert noise_error(scene, scene) == pytest.approx(np.median(made), rel=0.1)
+    share = np.mean(np.array(made) > noise_error(scene, scene, 0.05))
+    assert 0.01 < share < 0.1
+    assert noise_error(None, scene, 0.05) == 0.0

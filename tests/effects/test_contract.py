@@ -325,3 +325,14 @@ PLACES = {
 @pytest.mark.parametrize(("place", "name"), [(p, n) for p, names in PLACES.items() for n in names])
 def test_an_effect_is_located_where_the_contract_says(place, name):
     assert EFFECTS[name].component == place
+
+
+@pytest.mark.parametrize(("stiffness", "spoken"), [(30.0, True), (5.0, False), (-30.0, False)])
+def test_a_table_speaks_of_the_spring_that_may_be_in_it(stiffness, spoken):
+    grid = np.linspace(-0.1, 0.1, 9)
+    even, force = 5.0 + np.cos(40.0 * grid), stiffness * (grid - 0.02)
+    table = {"grid": grid, "positive": even + force, "negative": even - force}
+    table = {key: value.tolist() for key, value in table.items()}
+    effect = EFFECTS["position_dependent_friction"]
+    words = effect.says(effect.check(EffectSpec(effect.name, {"table": table})), STAGE)
+    assert ("as by a spring of 30 N/m about 0.02 m" in words) is spoken
