@@ -218,15 +218,12 @@ class PositionDependentFriction(Effect):
         slope, offset = np.polyfit(grid, odd, 1)
         left = odd - (slope * grid + offset)
         at_ends = 0.5 * slope * (grid[-1] - grid[0])
-        if at_ends < MUCH * float(np.mean([up, down])) or np.var(left) > LITTLE * np.var(odd):
+        if at_ends <= MUCH * float(np.mean([up, down])) or np.var(left) > LITTLE * np.var(odd):
             return ""
-        unit, at = (
-            self.parameter("stiffness").unit_in(plant),
-            f"{-offset / slope:.4g} {plant.output_unit}",
-        )
+        spring = f"{slope:.4g} {self.parameter('stiffness').unit_in(plant)}"
         return (
-            f" The directions differ as by a spring of {slope:.4g} {unit} about {at},"
-            " which no recording of such a table tells from it."
+            f" The directions differ as by a spring of {spring} about {-offset / slope:.4g}"
+            f" {plant.output_unit}, which no recording of such a table tells from it."
         )
 
 
