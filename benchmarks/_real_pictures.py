@@ -15,12 +15,12 @@ from emps_open_loop import START, calibrated, open_loop_errors
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ffl.diagnose.encoders import Smoother
-from ffl.diagnose.observer import decay_for, led, moving, with_observer
-from ffl.diagnose.prove import Overlay, run_plant
-from ffl.diagnose.transmission import transmission
-from ffl.diagnose.trials import blocks, prepare
-from ffl.diagnose.where import Forces
+from ffl.diagnose.predict.observer import decay_for, led, moving, with_observer
+from ffl.diagnose.proof.prove import Overlay, run_plant
+from ffl.diagnose.recorded.trials import blocks, prepare
+from ffl.diagnose.recorded.where import Forces
+from ffl.diagnose.transmission.encoders import Smoother
+from ffl.diagnose.transmission.transmission import transmission
 from ffl.effects.cascade import BETWEEN
 from ffl.errors import InputError
 from ffl.machines import Simulation, Simulator

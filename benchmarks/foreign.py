@@ -425,8 +425,8 @@ def draw(folder: Path, file: Path) -> None:
     """Three held-out recordings, as identified and as diagnosed, from the answers kept in `folder`."""
     import matplotlib.pyplot as plt
 
-    from ffl.diagnose.prove import run_plant
-    from ffl.diagnose.trials import prepare
+    from ffl.diagnose.proof.prove import run_plant
+    from ffl.diagnose.recorded.trials import prepare
     from ffl.machines.simulator import Simulator
     from ffl.recordings import read_recording
     from ffl.systems import load_plant

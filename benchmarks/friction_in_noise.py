@@ -26,13 +26,13 @@ from ffl.challenge import write
 from ffl.challenge.draw import draw_noise, draw_setup, measure
 from ffl.challenge.make import NullCase
 from ffl.challenge.stage import Part, assemble, run
-from ffl.diagnose.foretold import refitted
-from ffl.diagnose.judging import judge
-from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise
-from ffl.diagnose.scene import Scene
-from ffl.diagnose.slipping import Slip
-from ffl.diagnose.trials import prepare
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.slipping import Slip
+from ffl.diagnose.recorded.trials import prepare
 from ffl.systems import EffectSpec
 
 LOUDNESS = (0.03, 0.1, 0.3, 1.0, 3.0)  # RMS force noise over the friction's level

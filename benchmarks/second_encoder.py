@@ -19,7 +19,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, butter, lfilter
 
-from ffl.diagnose.transmission import transmission
+from ffl.diagnose.transmission.transmission import transmission
 from ffl.recordings import Recording
 from ffl.systems import Move, Physics, Plant, Zpk, moves
 

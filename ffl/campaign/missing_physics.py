@@ -17,8 +17,8 @@ from numpy.random import SeedSequence
 
 from ffl.bases import Compensation, SumBasis
 from ffl.campaign.config import Campaign
-from ffl.diagnose.calibrate import Calibration, calibrate
-from ffl.diagnose.large import large_effects
+from ffl.diagnose.contest.calibrate import Calibration, calibrate
+from ffl.diagnose.contest.large import large_effects
 from ffl.learn import AlongTrajectory, LearningTask, NormOptimal, learn, trial_rng
 from ffl.machines import SimulatedMachine, linear_part
 from ffl.recordings import Recording

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
-from ffl.diagnose import sound
-from ffl.diagnose.clip import clipping
-from ffl.diagnose.conclude import SHORTEST, conclude, faulty, too_short, unlike
-from ffl.diagnose.dry_in_noise import with_dry_friction
-from ffl.diagnose.heard import with_modes_heard
-from ffl.diagnose.judging import judge, raw_error
-from ffl.diagnose.line import across_the_line, against_the_refused
-from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import SLOWEST, Noise, fit_noise
-from ffl.diagnose.observer import (
+from ffl.diagnose.contest.judging import judge, raw_error
+from ffl.diagnose.contest.line import across_the_line, against_the_refused
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.search import contest
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.heard import with_modes_heard
+from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
+from ffl.diagnose.noise.plain import too_loud, weighed
+from ffl.diagnose.predict.dry_in_noise import with_dry_friction
+from ffl.diagnose.predict.observer import (
     decay_for,
     decay_of,
     led,
@@ -26,16 +26,16 @@ from ffl.diagnose.observer import (
     with_firm_observer,
     with_observer,
 )
-from ffl.diagnose.parting import clearer, parts
-from ffl.diagnose.plain import too_loud, weighed
-from ffl.diagnose.rattling import with_rattling
+from ffl.diagnose.predict.parting import clearer, parts
+from ffl.diagnose.predict.rattling import with_rattling
+from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
+from ffl.diagnose.recorded import sound
+from ffl.diagnose.recorded.clip import clipping
+from ffl.diagnose.recorded.starts import with_starts
+from ffl.diagnose.recorded.trials import blocks, commanded, prepare, stretches
+from ffl.diagnose.recorded.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
 from ffl.diagnose.result import Diagnosis
-from ffl.diagnose.scene import Scene
-from ffl.diagnose.search import contest
-from ffl.diagnose.starts import with_starts
-from ffl.diagnose.transmission import transmission
-from ffl.diagnose.trials import blocks, commanded, prepare, stretches
-from ffl.diagnose.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
+from ffl.diagnose.transmission.transmission import transmission
 from ffl.errors import InputError
 from ffl.recordings import Recording, shared_clock
 from ffl.systems.plant import Plant

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ffl.diagnose.advise import Experiment
-from ffl.diagnose.judging import Judged
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.rounds import Step
+from ffl.diagnose.maps.picture import MapPicture
+from ffl.diagnose.maps.unnamed import Contest
 from ffl.diagnose.number import Number, clean
-from ffl.diagnose.picture import MapPicture
-from ffl.diagnose.prove import Proof
-from ffl.diagnose.rounds import Step
-from ffl.diagnose.sound import Soundness
-from ffl.diagnose.transmission_result import Transmission
-from ffl.diagnose.unnamed import Contest
-from ffl.diagnose.where import Forces, Map, Place
+from ffl.diagnose.proof.advise import Experiment
+from ffl.diagnose.proof.prove import Proof
+from ffl.diagnose.recorded.sound import Soundness
+from ffl.diagnose.recorded.where import Forces, Map, Place
+from ffl.diagnose.transmission.result import Transmission
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
 

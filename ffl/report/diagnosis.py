@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose import Diagnosis, diagnose
-from ffl.diagnose.advise import Experiment
+from ffl.diagnose.proof.advise import Experiment
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
 from ffl.report.page import Page, drawing, subplots

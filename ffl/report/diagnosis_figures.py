@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from ffl.diagnose.advise import Experiment
-from ffl.diagnose.judging import Judged
-from ffl.diagnose.picture import MapPicture
-from ffl.diagnose.prove import Overlay
-from ffl.diagnose.rounds import Step
-from ffl.diagnose.where import Forces, Map
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.rounds import Step
+from ffl.diagnose.maps.picture import MapPicture
+from ffl.diagnose.proof.advise import Experiment
+from ffl.diagnose.proof.prove import Overlay
+from ffl.diagnose.recorded.where import Forces, Map
 from ffl.effects import is_speed
 from ffl.report.page import COLOURS
 

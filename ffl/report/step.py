@@ -103,7 +103,7 @@ def step_with_report(
 
 def _require_sound(model: Plant, recording: Recording) -> None:
     """A wrong unit, sign or controller would be learned as feedforward; it is refused instead."""
-    from ffl.diagnose.sound import soundness
+    from ffl.diagnose.recorded.sound import soundness
 
     for fault in soundness(model, [recording]).faults:
         raise InputError(f"{fault.recording}: {fault.where}: {fault.mend}")

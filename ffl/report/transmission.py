@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from ffl.diagnose.transmission_result import Drawn, Transmission
+from ffl.diagnose.transmission.result import Drawn, Transmission
 from ffl.report.page import COLOURS, Page, number, subplots
 
 

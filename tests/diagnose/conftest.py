@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffl.diagnose.model import Base, Model
-from ffl.diagnose.noise import Noise
-from ffl.diagnose.scene import Scene
-from ffl.diagnose.trials import prepare
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import Imperfections

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.linear import corrected_plant, corrections_of
-from ffl.diagnose.model import Base, Model
-from ffl.diagnose.prove import nrmse, run_plant
-from ffl.diagnose.trials import commanded, prepare
+from ffl.diagnose.hypothesis.linear import corrected_plant, corrections_of
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.proof.prove import nrmse, run_plant
+from ffl.diagnose.recorded.trials import commanded, prepare
 from ffl.effects import mechanics_of
 from ffl.errors import InputError
 from ffl.machines import Simulator

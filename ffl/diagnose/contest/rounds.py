@@ -1,0 +1,39 @@
+"""What the contest went through, round by round, and where it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.screen.candidate import Candidate
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round of the contest: what stood, who challenged it, what they reached. `turned_down`: who was
+    accepted, and did not hold up once all was refitted."""
+
+    before: Judged
+    screened: tuple[Candidate, ...]
+    rivals: tuple[Judged, ...]
+    accepted: Judged | None
+    turned_down: Judged | None = None
+
+    @property
+    def joined(self) -> tuple[str, ...]:
+        """The effects that came in: one, two at once, or none."""
+        if self.accepted is None:
+            return ()
+        return self.accepted.model.names[len(self.before.model.names) :]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What stands at the end, all rounds, the held-out recordings with their starts, and for each
+    effect by name every hypothesis that was fitted in its place beside the others, its own included."""
+
+    standing: Judged
+    steps: list[Step]
+    held: Scene | None
+    contenders: dict[str, list[tuple[str, Judged]]]

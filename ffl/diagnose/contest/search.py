@@ -1,0 +1,370 @@
+"""The contest: every effect at every place against every other, judged by likelihood.
+
+Each hypothesis is fitted with the noise it leaves itself (so that neither coloured noise passes for
+physics nor physics for coloured noise), and scored by
+    log-likelihood of the fitted recordings - penalty per free number + log-likelihood of the
+    held-out recordings,
+the second a free-running simulation with nothing fitted to it. One effect is added at a time; before
+a second one is thought of, all siblings of the first have been fitted too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import (
+    QUIET,
+    UNTOLD,
+    Judged,
+    earns,
+    gaining,
+    granted,
+    judge,
+    levelled,
+    noise_error,
+    promise,
+    raw_error,
+    raw_residuals,
+)
+from ffl.diagnose.contest.line import crosses, on_the_line
+from ffl.diagnose.contest.parallel import each
+from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import (
+    CREEPING,
+    DRY,
+    KEEP,
+    PLIABLE,
+    SUBSTITUTE,
+    excluded,
+    one_for_two,
+    settle,
+)
+from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
+from ffl.diagnose.hypothesis.contact import with_other_contact
+from ffl.diagnose.hypothesis.course import courses
+from ffl.diagnose.hypothesis.fit import Fit
+from ffl.diagnose.hypothesis.friction_table import refined
+from ffl.diagnose.hypothesis.harmonics import with_harmonics
+from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO, has_zero
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.noise.unrest import louder_than_noise, unrest_of, with_unrest
+from ffl.diagnose.recorded.starts import with_starts
+from ffl.diagnose.screen.glimpse import promising
+from ffl.diagnose.screen.views import View, entrants_of, screens
+
+FAINT = 16.0  # first-order gain below which a fit is not worth while
+WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
+BY_CHANCE = 0.05  # of noise that makes more
+CLAIMANTS = 4  # effects that are held against a correction beyond the line
+NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
+FORKS = 2  # most of these that are followed
+ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
+HALF = 0.5  # of the held-out sum of squares: less is left by no chance
+FURTHER = 4  # times 8 rounds that the best of a round are fitted on
+
+
+def contest(
+    scene: Scene,
+    held: Scene | None,
+    model: Model,
+    threshold: float,
+    most: int = 3,
+    progress: Callable[[str], None] | None = None,
+) -> Outcome:
+    """Forward selection with substitution; the most pliable effects come in when no other does. Where
+    something is left that nobody may explain, it goes on beside the near rivals of those who stand
+    as well: who comes second by a little may be half of what comes first by far. So may who was turned
+    down: alone it costs held-out recordings something that the others make good."""
+    say = progress or (lambda line: None)
+    outcome = _climb(
+        scene, held, judge(scene, held, model), [], {}, frozenset(), threshold, most, say
+    )
+    for name, rival in forks(outcome):
+        say(f"the other way: {rival.name}, without {name}")
+        steps = [step for step in outcome.steps if step.accepted is not None]
+        start = rival.scene, rival.held, rival, steps, outcome.contenders
+        other = _climb(*start, frozenset({name}), threshold, most, say)
+        ahead, behind = levelled([other.standing, outcome.standing])
+        say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
+        left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
+        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, *left):
+            return other
+    return _with_who_was_turned_down(outcome, threshold, most, say)
+
+
+def _with_who_was_turned_down(
+    outcome: Outcome, threshold: float, most: int, say: Callable[[str], None]
+) -> Outcome:
+    """Where the first that was turned down brought the fitted recordings very much, it goes on from there
+    with nobody turned down; what it comes to stands only if it leaves less than `HALF` of what was left in
+    the held-out recordings. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times
+    the held-out error, all three leave a ninetieth.)"""
+    stood = raw_error(outcome.held, outcome.standing.model)
+    if HALF * stood < noise_error(outcome.held, outcome.standing.scene):
+        return outcome
+    for step in outcome.steps:
+        one = step.turned_down
+        if one is None or one.fitted - step.before.fitted < UNTOLD:
+            continue
+        say(f"the other way: with {one.name}, turned down before")
+        joined = [s for s in outcome.steps[: outcome.steps.index(step)] if s.accepted is not None]
+        steps = [*joined, replace(step, accepted=one, turned_down=None)]
+        start = one.scene, one.held, one, steps, {}
+        other = _climb(*start, frozenset(), threshold, most, say, patient=True)
+        left = raw_error(other.held, other.standing.model)
+        say(f"  {np.sqrt(left / stood):.2f} times the held-out error")
+        return other if left < HALF * stood else outcome
+    return outcome
+
+
+def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
+    """(effect, hypothesis with another in its place), best first, that come near what stands, leave
+    something else than it, and by less than what the best of those that found no leave would bring,
+    its numbers not charged: it tells how much is left."""
+    refused = []
+    for step in reversed(outcome.steps):
+        if step.accepted is not None:
+            break
+        refused += [
+            rival.fitted + rival.held_out - step.before.fitted - step.before.held_out
+            for rival in step.rivals
+        ]
+    left = max(refused, default=0.0)
+    if left < KEEP:
+        return []
+    out = []
+    for name, others in outcome.contenders.items():
+        own = others[0][1]
+        for rival, other in others[1:]:
+            gap = own.score - other.score
+            if rival == name or {rival, name} <= DRY - CREEPING or gap > NEAR * left:
+                continue  # forms of one friction differ by too little to be another way
+            if promise(other.fit.white, own.fit.white) > gap + KEEP:
+                out.append((gap, name, other))
+    nearest: dict[tuple[str, ...], tuple[str, Judged]] = {}
+    for _, name, other in sorted(out, key=lambda f: f[0]):
+        nearest.setdefault(other.model.names, (name, other))
+    return list(nearest.values())[:FORKS]
+
+
+def _climb(
+    scene: Scene,
+    held: Scene | None,
+    standing: Judged,
+    steps: list[Step],
+    contenders: dict[str, list[tuple[str, Judged]]],
+    barred: frozenset[str],
+    threshold: float,
+    most: int,
+    say: Callable[[str], None],
+    patient: bool = False,
+) -> Outcome:
+    """From `standing`, reached by `steps`, up to where nobody else earns a place; who is `barred` takes
+    the place of none before another has joined. `patient`: nobody is turned down again."""
+    last_error = np.inf
+    reserve = PLIABLE
+    turned_down: set[str] = set()  # in the present company
+    again, at_once, anew = False, True, True
+    quiet, base = scene, standing
+    while True:
+        if anew:
+            quiet, held = _in_its_noise(replace(scene, loop=standing.fit.loop), held, standing)
+            scene = replace(scene, loop=quiet.loop, trials=quiet.trials)
+            base = judge(quiet, held, standing.model, rounds=6)
+            say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
+            base = with_harmonics(quiet, held, refined(quiet, held, base, say), say)
+            if not again:
+                base = with_other_contact(quiet, held, base, say)
+            base = plain_lags(quiet, held, base, say)
+        last_contenders = contenders
+        if base.model.effects:
+            base, contenders = settle(
+                quiet, held, base, steps, reserve | barred, say, last_contenders if again else {}
+            )
+            one = base if again else one_for_two(quiet, held, base, say)
+            if one is not base:
+                contenders = {k: v for k, v in contenders.items() if k in one.model.names}
+                base = one
+        if not anew and base.model.names == standing.model.names:
+            return Outcome(base, steps, held, contenders)
+        error = raw_error(held, base.model)
+        last = steps[-1].before if steps and not (again or patient) else None
+        if last is not None and _worse(held, base, last, error, last_error):
+            # What came in last does not hold up on the held-out recordings once all is refitted.
+            times = np.sqrt(error / last_error)
+            say(f"  turned down again: held-out error {times:.2f} times as large")
+            came = steps[-1].joined
+            turned_down |= set(came) if len(came) == 1 else set()
+            at_once = at_once and len(came) == 1
+            steps[-1] = replace(steps[-1], accepted=None, turned_down=steps[-1].accepted)
+            standing, contenders, again, anew = last, last_contenders, True, True
+            scene = replace(scene, trials=standing.scene.trials)
+            held = standing.held
+            continue
+        if not again:
+            turned_down = set()
+        last_error = error
+        joined = min(sum(len(step.joined) for step in steps), len(base.model.effects))
+        accepted = None
+        if joined < most and len(steps) < ROUNDS * most:
+            taken = excluded(base.model) | turned_down
+            # What hides in the noise of the first round may be faint.
+            least = FAINT if steps else FAINT / 2
+            views = [View.of(s, taken, least, bool(reserve)) for s in screens(quiet, base)]
+            room = most - joined if at_once else 0
+            steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
+            base, accepted = steps[-1].before, steps[-1].accepted
+        if accepted is None and reserve and set(base.model.names) & DRY:
+            # The same company once more, with those in it that were kept back.
+            reserve, standing, last_error, again, anew = frozenset(), base, np.inf, True, False
+            continue
+        if accepted is None:
+            return Outcome(base, steps, held, contenders)
+        standing, again, anew, barred = accepted, False, True, frozenset()
+        scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
+        held = accepted.held
+
+
+def _in_its_noise(scene: Scene, held: Scene | None, standing: Judged) -> tuple[Scene, Scene | None]:
+    """The fitted and the held-out recordings under the noise that `standing` leaves: white and no louder
+    than what is left, for slow physics must not pass for slow noise."""
+    left = raw_residuals(scene, standing.model)
+    quiet = with_starts(scene.with_noise_of(left, coloured=False, quantile=QUIET), standing.model)
+    quiet = with_unrest(quiet, standing.model)
+    if held is not None:
+        held = unrest_of(with_starts(held.like(quiet), standing.model), standing.model)
+    return quiet, held
+
+
+def _round(
+    quiet: Scene,
+    held: Scene | None,
+    base: Judged,
+    views: Sequence[View],
+    taken: Collection[str],
+    room: int,
+    threshold: float,
+    say: Callable[[str], None],
+) -> Step:
+    """Who joins `base`, of those whom the `views` show: one effect, or a set of up to `room` at once, which
+    is looked for where no single one leaves little more than noise."""
+    begun = promising(quiet, base, entrants_of(quiet, base, views, taken))
+    enough = any(f.cost < ENOUGH * len(f.white) for f in begun)
+    sets = [] if enough else starts(base, [(v.screen, v.allowed) for v in views], room)
+    rivals: list[Judged] = []
+    accepted, several = None, None
+    if sets and sets[0].share < HIDDEN:
+        accepted = several = together(quiet, held, base, sets, threshold, say)
+    if several is None or several.fit.far:
+        base, rivals, accepted = _one_more(quiet, held, base, begun, threshold, say)
+        if sets and several is None:
+            several = together(quiet, held, base, sets, threshold, say, accepted)
+    if several and (several is accepted or _above(several, accepted or base, rivals)):
+        rivals, accepted = [several, *rivals], several
+    screened = tuple(c for view in views for c in view.seen)
+    return Step(base, screened, tuple(rivals), accepted)
+
+
+def _one_more(
+    quiet: Scene,
+    held: Scene | None,
+    base: Judged,
+    begun: Sequence[Fit],
+    threshold: float,
+    say: Callable[[str], None],
+) -> tuple[Judged, list[Judged], Judged | None]:
+    """(`base`, levelled; it with each of those `begun`, best first; the one that earns its place, if any
+    does)."""
+    rivals = each(partial(_joined, quiet, held), begun)
+    rivals += courses(quiet, held, base, rivals)
+    for rival in rivals:
+        side = rival.model.effects[-1].options.get("side", "sensor")
+        say(
+            f"  {rival.name} {side}: {rival.fitted - base.fitted:+.1f} fitted, "
+            f"{rival.held_out - base.held_out:+.1f} held out"
+        )
+    base, *rivals = levelled([base, *rivals])
+    rivals.sort(key=lambda j: -j.score)
+    for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
+        if rival.score > base.score:
+            rivals[k] = _to_the_end(quiet, held, rival)
+    base, *rivals = levelled([base, *rivals])
+    rivals.sort(key=lambda j: -j.score)
+    worthy = [
+        r
+        for r in rivals
+        if earns(r, base, threshold) and earns(r, granted(base, r, quiet), threshold)
+    ]
+    if worthy and base.model.effects and not (quiet.plain or quiet.observed):
+        worthy = louder_than_noise(base, worthy)
+    if not worthy and not base.model.effects and crosses(quiet, base):
+        # What stands is no longer nominal: it claims an effect too, and must be the better one.
+        worthy = _claimants(quiet, held, base, rivals, threshold)
+    worthy = gaining(worthy, base)
+    return base, rivals, worthy[0] if worthy else None
+
+
+def _to_the_end(quiet: Scene, held: Scene | None, judged: Judged) -> Judged:
+    """`judged` fitted on until it converges: where the model's own numbers had stood in for an effect they
+    have far to go (a lag for which a mass five times too large had stood: 44 nats after 6 rounds, 92 in
+    the end, hardly any on the way)."""
+    for _ in range(FURTHER):
+        if judged.fit.status != "rounds":
+            break
+        judged = judge(quiet, held, judged.model, 8, judged.fit)
+    return judged
+
+
+def _above(several: Judged, single: Judged, rivals: Sequence[Judged]) -> bool:
+    """Several effects at once are worth their numbers beside `single` and the best of its `rivals`."""
+    several, *others = levelled([several, single, *rivals[:1]])
+    return all(several.score > other.score + KEEP for other in others)
+
+
+def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: float) -> bool:
+    """Whether `judged`, less likely than `before` on the held-out recordings, leaves more there, `now`
+    for `then` (sums of squares), than one further effect may cost and than noise leaves."""
+    one, other = levelled([judged, before])
+    if one.held_out >= other.held_out or now <= WORSE * then:
+        return False
+    return now > WORSE * noise_error(held, judged.scene, BY_CHANCE)
+
+
+def _claimants(
+    quiet: Scene, held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
+) -> list[Judged]:
+    """Those of `rivals`, best first, that with their own corrections on the line do more than the one
+    beyond it that `base` stands on, and earn their place beside it on the line."""
+    worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
+    if not worthy:
+        return []
+    on_line = [on_the_line(held, replace(r, scene=quiet)) for r in (base, *worthy)]
+    base, plain, *worthy = levelled([base, *on_line])
+    worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
+    return sorted((r for r in worthy if earns(r, plain, threshold)), key=lambda r: -r.score)
+
+
+def _joined(quiet: Scene, held: Scene | None, first: Fit) -> Judged:
+    return judge(quiet, held, first.model, 6, first)
+
+
+def plain_lags(
+    quiet: Scene, held: Scene | None, base: Judged, say: Callable[[str], None]
+) -> Judged:
+    """Two lags without their zero where, beside effects, they do as well: a linear model that was fitted
+    to a machine with the effect bends, and a zero is what two lags have to bend with."""
+    model = base.model
+    if not model.effects or WITHOUT_ZERO in model.corrections:
+        return base
+    if not has_zero(model.base.simulator.mechanics):
+        return base
+    corrections = {**model.corrections, WITHOUT_ZERO: 1.0}
+    plain = replace(model, corrections=corrections, held=model.held | {WITHOUT_ZERO})
+    other, base = levelled([judge(quiet, held, plain, 8), base])
+    say(f"  the lags without their zero: {other.score - base.score:+.1f}")
+    return other if other.score >= base.score else base

@@ -1,0 +1,78 @@
+"""What the linear model's own mass, damping and stiffness come to in the contract's terms (INTERFACES.md):
+how far each is off, from where on that is an effect, and what it comes to beside an effect of its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.linear import modal_terms
+from ffl.diagnose.hypothesis.model import Model
+
+LINE = 0.02  # relative mass; share of the RMS force on the plant
+NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
+
+
+def sizes(
+    scene: Scene, model: Model, corrections: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Signed size of each of the `corrections` (None: of the model's own), as the model moves, in the
+    contract's terms: relative mass, share of RMS force; none for a process, whose gain and lags are
+    corrections at any size, and for a model identified from the machine, whose numbers all are."""
+    corrections = model.corrections if corrections is None else corrections
+    mechanics = model.base.simulator.mechanics
+    if not mechanics.modes or model.base.is_process or model.base.plant.is_identified:
+        return {}
+    mass = mechanics.moving_mass  # damping and stiffness are in force per motion, whatever moves
+    runs = [model.simulate(trial) for trial in scene.trials]
+    v = np.concatenate([run.v for run in runs])
+    x = np.concatenate([run.x for run in runs])
+    u = np.concatenate([run.u for run in runs])
+    force = float(np.sqrt(np.mean(u**2))) or 1.0
+    out = {"mass": corrections.get("mass", 0.0)}
+    if "damping" in corrections:
+        push = mass * corrections["damping"] * float(np.sqrt(np.mean(v**2)))
+        out["damping"] = push / force
+    if "stiffness" in corrections:
+        k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
+        push = k * corrections["stiffness"] * float(np.sqrt(np.mean((x - x.mean()) ** 2)))
+        out["stiffness"] = push / force
+    return out
+
+
+def claims(name: str, size: float) -> bool:
+    """The size is beyond the line in a way that an effect has a name for."""
+    return (abs(size) if name == "mass" else size) > LINE
+
+
+def effect_values(model: Model, name: str) -> dict[str, float]:
+    """The correction `name` as the parameters of its effect, input units."""
+    mechanics = model.base.simulator.mechanics
+    scale = model.base.simulator.force_per_input
+    value = model.corrections[name]
+    mass = mechanics.moving_mass * scale
+    if name == "mass":
+        return {"change": value}
+    if name == "damping":
+        return {"coefficient": mass * value}
+    k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
+    return {"stiffness": k * value, "centre": 0.0}
+
+
+def netted(scene: Scene, model: Model, name: str) -> Model | None:
+    """`model` with the effect of the correction `name` and that correction as the one number they are,
+    where it is within the line, or less than the model has: an effect that is undone. None where not."""
+    if NAMES[name] not in model.names or name in model.held or name not in model.corrections:
+        return None
+    index = model.names.index(NAMES[name])
+    own = model.corrections[name]
+    unit = replace(model, corrections={**model.corrections, name: 1.0})
+    key, value = next(iter(effect_values(unit, name).items()))
+    amount = float(model.effects[index].parameters[key]) / value
+    corrections = {**model.corrections, name: own + amount}
+    if claims(name, sizes(scene, model, corrections).get(name, np.inf)):
+        return None
+    return replace(model.without(index), corrections=corrections)

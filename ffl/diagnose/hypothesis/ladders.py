@@ -1,0 +1,153 @@
+"""Starts where the cost is not convex: ladders of simulations over the parameter that decides."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.parallel import each
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.fit import Fit
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.hypothesis.span import orthonormal
+from ffl.diagnose.hypothesis.triangle import lengths
+from ffl.diagnose.screen.candidate import Candidate
+from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
+
+COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
+GLIMPSE = 8  # of so many samples one is simulated to see which starts are not worth the others
+LIMIT, LOWEST, LEVELS = "saturation", 0.05, 20  # shares of the largest command
+SLACK = 1e-9  # of a sum of squares: rounding
+FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
+
+
+def with_best_start(scene: Scene, c: Candidate, others: Sequence[EffectSpec] = ()) -> Model:
+    """The model that the candidate is seen beside with its effect, in the valley, the form and with its
+    decisive parameter at the rung of a ladder of simulations that leave least, whatever the numbers
+    fitted there can mend beside it; `others`: further starts as they are."""
+    starts = [m for spec in (c.spec, *c.valleys) for m in _rungs(scene, c.like.model, spec)]
+    starts += [_beside(c.like.model, spec) for spec in others]
+    return _best(scene, c.like, starts) or starts[0]
+
+
+def _beside(model: Model, spec: EffectSpec) -> Model:
+    """`model` with the effect, its numbers within bounds."""
+    start = model.with_effect(spec)
+    return start.at(start.theta)
+
+
+def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
+    """All starts of one valley."""
+    forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
+    values = [spec.parameters]
+    ladder = EFFECTS[spec.name].ladder
+    if ladder and ladder[0] in spec.parameters:
+        name, factors = ladder
+        bounds = EFFECTS[spec.name].parameter(name)
+        rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
+        rungs = np.clip(rungs, bounds.lower, bounds.upper)
+        values += [EFFECTS[spec.name].rung(spec.parameters, name, float(value)) for value in rungs]
+    return [
+        _beside(model, replace(spec, parameters=p, options={**spec.options, **form}))
+        for form in forms
+        for p in values
+    ]
+
+
+def _best(scene: Scene, like: Fit, starts: Sequence[Model], below: float = np.inf) -> Model | None:
+    """The start that leaves least, None where none leaves less than `below`.
+
+    What the first samples leave alone, mended by numbers that need to fit no others, is less than what
+    all leave: starts are simulated to the end in its order, up to the one that is beyond the best.
+    """
+    if len(starts) == 1 and below == np.inf:
+        return starts[0]
+    columns = scene.whiten_stacked(like.columns)
+    rows = min(len(scene.trials[0]), max(scene.samples // GLIMPSE, 1))
+    head = scene.head(rows)
+    size = np.maximum(lengths(columns[:rows]), 1e-300)
+    begun = np.linalg.qr(columns[:rows] / size)[0]
+    least = each(lambda start: _left(head, begun, start), starts)
+    basis, costs = orthonormal(columns), np.full(len(starts), np.inf)
+    order = deque(np.argsort(least, kind="stable"))
+
+    def complete(_: int) -> None:
+        k = order.popleft()
+        if least[k] <= min(below, costs.min()) * (1.0 + SLACK):
+            costs[k] = _left(scene, basis, starts[k])
+
+    each(complete, range(len(starts)))
+    k = int(np.argmin(costs))
+    return starts[k] if costs[k] < below else None
+
+
+def _left(scene: Scene, basis: Array, start: Model) -> float:
+    """Sum of squares that a start leaves beyond `basis`."""
+    residuals = scene.residuals(start)
+    if residuals is None:
+        return np.inf
+    white = scene.whiten(residuals)
+    with np.errstate(over="ignore", invalid="ignore"):  # a start that runs away
+        mended = basis.T @ white
+        cost = float(white @ white - mended @ mended)
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _measured_levels(scene: Scene, name: str) -> Array:
+    """Levels at which a limit would show in what was measured: of u as sent, which goes beyond a
+    limit, and of y as seen, which ends there."""
+    if name == "saturation":
+        u = np.abs(np.concatenate([t.u for t in scene.trials]))
+        return np.quantile(u[np.isfinite(u)], COMMANDS) if np.isfinite(u).any() else np.zeros(0)
+    if name == "sensor_nonlinearity":
+        return np.quantile(np.abs(np.concatenate([t.y for t in scene.trials])), [0.98, 0.999])
+    return np.zeros(0)
+
+
+def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
+    """A limit of the command where first order has none to propose, in which it would swing: at the
+    share of the largest command that the simulation beside `like` sends which leaves least."""
+    if LIMIT in known:
+        return []
+    largest = max(float(np.abs(like.model.simulate(t).u).max()) for t in scene.trials)
+    basis = orthonormal(scene.whiten_stacked(like.columns))
+    levels = largest * np.geomspace(LOWEST, 1.0, LEVELS)
+    specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels if level > 0.0]
+    if not specs:
+        return []
+    left = each(lambda spec: _left(scene, basis, like.model.with_effect(spec)), specs)
+    return [Candidate(specs[int(np.argmin(left))], 0.0, 1, Place(EFFECTS[LIMIT].port), like)]
+
+
+def overlooked(
+    quiet: Scene,
+    base: Judged,
+    like: Fit,
+    fresh: Sequence[Candidate],
+    listed: Sequence[Candidate],
+    taken: Collection[str] = (),
+) -> list[Candidate]:
+    """Effects of which a simulation on their `ladder` shows what no first order does: where the motion
+    is far from what was measured (a limit that makes the loop swing), a start from which the sum of
+    squares falls to a small part; a limit of the command, unless it is `taken`, also where first order
+    proposes none."""
+    if not base.fit.far:
+        return []
+    names = {c.spec.name for c in listed}
+    out = []
+    for c in [*fresh, *_limits(quiet, like, {c.spec.name for c in fresh} | set(taken))]:
+        if EFFECTS[c.spec.name].ladder and c.spec.name not in names:
+            names.add(c.spec.name)
+            least = FALLS * base.fit.cost
+            start = _best(quiet, c.like, _rungs(quiet, c.like.model, c.spec), least)
+            residuals = None if start is None else quiet.residuals(start)
+            if residuals is not None and float(np.sum(quiet.whiten(residuals) ** 2)) < least:
+                out.append(c)
+    return out

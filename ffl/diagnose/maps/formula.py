@@ -1,0 +1,238 @@
+"""The simplest formula for a map that was found: a sparse regression over a small library of shapes.
+
+To first order the data see a map only through R c = Q'target (the triangle of its whitened traces), so
+a shape s(z) on the map's grid costs |q - R s b|^2, exactly what it would cost on the recordings, and
+hundreds of shapes are tried in milliseconds. Terms are added while each brings more than its numbers
+cost; the inner numbers (a centre, a width, a period) are then refined together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+
+from ffl.diagnose.hypothesis.triangle import triangle
+from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, Part, held_motion, tables_of
+from ffl.systems.state_space import Array
+
+MOST = 3  # terms of a formula
+PER_NUMBER = 8.0  # sum of squares that one more number must take off
+SHARE = 0.01  # of what the map itself takes off, that one more term must take off
+
+
+@dataclass(frozen=True)
+class Shape:
+    """s(z; inner): `columns` (k, m) over the grid; `text` with {z} and the inner numbers."""
+
+    text: str
+    columns: Callable[..., Array]
+    inner: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Formula:
+    """`text` in words; `grid`, `values`: the formula over the map's own variable where it has one;
+    `share`: of what the free map explains, how much the formula does."""
+
+    text: str
+    grid: Array | None
+    values: Array | None
+    share: float
+
+
+def _one(z: Array) -> Array:
+    return np.ones_like(z)
+
+
+def _ramp(z: Array, c: float) -> Array:
+    return np.maximum(0.0, z - c)
+
+
+def _fall(z: Array, c: float) -> Array:
+    return np.maximum(0.0, c - z)
+
+
+def _bump(z: Array, c: float, w: float) -> Array:
+    return np.exp(-0.5 * ((z - c) / w) ** 2)
+
+
+def _brake(z: Array, w: float) -> Array:
+    return z / (1.0 + (z / w) ** 2)
+
+
+def _wave(z: Array, p: float) -> Array:
+    return np.column_stack([np.sin(2 * np.pi * z / p), np.cos(2 * np.pi * z / p)])
+
+
+def library(low: float, high: float, signed: bool) -> Iterator[Shape]:
+    """Shapes over low..high; `signed` variables may switch at zero."""
+    extent = high - low
+    yield Shape("", _one)
+    yield Shape("{z}", lambda z: z)
+    yield Shape("{z}^2", lambda z: z**2)
+    yield Shape("{z}^3", lambda z: z**3)
+    if signed:
+        yield Shape("|{z}|", np.abs)
+        yield Shape("sign({z})", np.sign)
+        yield Shape("{z} |{z}|", lambda z: z * np.abs(z))
+        for w in np.geomspace(0.01, 1.0, 12) * 0.5 * extent:
+            yield Shape("{z}/(1 + ({z}/{0})^2)", _brake, (w,))
+            yield Shape("tanh({z}/{0})", lambda z, w: np.tanh(z / w), (w,))
+    for c in np.linspace(low, high, 31)[1:-1]:
+        yield Shape("max(0, {z} - {0})", _ramp, (c,))
+        yield Shape("max(0, {0} - {z})", _fall, (c,))
+        for w in np.geomspace(0.02, 0.3, 6) * extent:
+            yield Shape("exp(-(({z} - {0})/{1})^2/2)", _bump, (c, w))
+    for p in extent / np.geomspace(0.7, 12.0, 60):
+        yield Shape("sin(2 pi {z}/{0} + {phase})", _wave, (p,))
+
+
+def formula(
+    screen: FreeScreen, free: FreeModel, white: Array, index: int, scale: float
+) -> Formula | None:
+    """The formula of map `index` beside the other maps; `scale`: of its signal to its unit."""
+    part = free.parts[index]
+    motions = [free.follow(trial, [part.place]) for trial in screen.scene.trials]
+    if any(m is None for m in motions):
+        return None
+    along = [m[1] for m in motions if m is not None]
+    table = tables_of(screen, [(part.term, part.place)], [part.ranges], along)[0]
+    own = screen.from_nominal(free.model)
+    target = screen.beyond(white + own + table @ part.coefficients)
+    r, q = triangle(screen.beyond(table), target)
+    best = float(q @ q) - float(np.sum((q - r @ part.coefficients) ** 2))
+    if part.term.bank is not None:
+        return _of_history(screen, part, along, target, best, scale)
+    if part.term.grid is None:
+        plain = len(part.coefficients) == 1 or part.term.along == "speed"
+        return _plain(part, r, q, best, scale) if plain else None
+    return _of_map(part, r, q, best, scale)
+
+
+def _of_map(part: Part, r: Array, q: Array, best: float, scale: float) -> Formula | None:
+    assert part.term.grid is not None
+    z = part.term.grid(part.ranges)
+    shapes: list[Shape] = []
+    cost = float(q @ q)
+    pool = list(library(float(z[0]), float(z[-1]), part.term.along != "position"))
+    while len(shapes) < MOST:
+        trials = [_cost([*shapes, s], z, r, q) + PER_NUMBER * _numbers(s) for s in pool]
+        k = int(np.argmin(trials))
+        if trials[k] > cost - SHARE * best:
+            break
+        shapes = _refined([*shapes, pool[k]], z, r, q)
+        cost = _cost(shapes, z, r, q)
+    if not shapes:
+        return None
+    table = _columns(shapes, z)
+    weights = np.linalg.lstsq(r @ table, q, rcond=1e-10)[0]
+    return Formula(
+        _text(part, shapes, weights * scale), z, table @ weights * scale,
+        min(1.0, (float(q @ q) - cost) / best) if best > 0 else 0.0,
+    )  # fmt: skip
+
+
+def _numbers(shape: Shape) -> int:
+    return len(shape.inner) + (2 if shape.columns is _wave else 1)
+
+
+def _columns(shapes: Sequence[Shape], z: Array) -> Array:
+    return np.column_stack([s.columns(z, *s.inner) for s in shapes])
+
+
+def _cost(shapes: Sequence[Shape], z: Array, r: Array, q: Array) -> float:
+    with np.errstate(all="ignore"):  # a shape whose width has come to nothing
+        columns = _columns(shapes, z)
+    if not np.all(np.isfinite(columns)):
+        return 1e300
+    table = r @ columns
+    weights = np.linalg.lstsq(table, q, rcond=1e-10)[0]
+    return float(np.sum((q - table @ weights) ** 2))
+
+
+def _refined(shapes: list[Shape], z: Array, r: Array, q: Array) -> list[Shape]:
+    """The inner numbers of all shapes together, by a simplex from where they are."""
+    counts = [len(s.inner) for s in shapes]
+    start = np.array([v for s in shapes for v in s.inner])
+    if not len(start):
+        return shapes
+    span = float(z[-1] - z[0])
+
+    def at(p: Array) -> list[Shape]:
+        pieces = np.split(p, np.cumsum(counts)[:-1])
+        return [
+            Shape(s.text, s.columns, tuple(map(float, own)))
+            for s, own in zip(shapes, pieces, strict=True)
+        ]
+
+    def cost(p: Array) -> float:
+        return _cost(at(p), z, r, q) if np.all(np.abs(p) < 10 * span + np.abs(z).max()) else 1e300
+
+    simplex = np.vstack([start, start + 0.02 * span * np.eye(len(start))])
+    found = scipy.optimize.minimize(
+        cost, start, method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": 60 * len(start) + 60},
+    )  # fmt: skip
+    return at(found.x) if found.fun < cost(start) else shapes
+
+
+def _text(part: Part, shapes: Sequence[Shape], weights: Array) -> str:
+    pieces, at = [], 0
+    driver = f"{part.term.driver} " if part.term.driver else ""
+    for shape in shapes:
+        inner = [f"{v:.4g}" for v in shape.inner]
+        if shape.columns is _wave:
+            a, b = weights[at : at + 2]
+            at += 2
+            body = shape.text.format(*inner, z=part.term.along, phase=f"{np.arctan2(b, a):.3g}")
+            pieces.append(f"{np.hypot(a, b):.4g} {driver}{body}")
+            continue
+        body = shape.text.format(*inner, z=part.term.along).replace("- -", "+ ")
+        pieces.append(f"{weights[at]:.4g} {driver}{body}".rstrip())
+        at += 1
+    return f"{_what(part)} = " + " + ".join(pieces).replace("+ -", "- ")
+
+
+def _what(part: Part) -> str:
+    return {"force": "force", "command": "added command", "output": "added to y"}[part.place.port]
+
+
+def _of_history(
+    screen: FreeScreen, part: Part, along: Sequence, target: Array, best: float, scale: float
+) -> Formula:  # type: ignore[type-arg]
+    """One time constant in place of the bank."""
+    bank = part.term.bank
+    assert bank is not None
+    step, duration = part.ranges["step"]
+    taus = np.geomspace(2 * step, 2 * duration, 36)
+    columns = [bank(held_motion(m[part.place], part.place), part.ranges, taus) for m in along]
+    table = screen.beyond(screen.through(part.place, columns))
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    seen = table.T @ target / size
+    k = int(np.argmax(np.abs(seen)))
+    value, tau = float(seen[k] / size[k]) * scale, float(taus[k])
+    driver = f"{part.term.driver} " if part.term.driver else ""
+    body = {
+        "faded position": f"(position - lag(position, {tau:.3g} s))",
+        "heat": f"lag(command^2, {tau:.3g} s)",
+    }[part.term.along]
+    share = min(1.0, float(seen[k] ** 2) / best) if best > 0 else 0.0
+    return Formula(f"{_what(part)} = {value:.4g} {driver}{body}", None, None, share)
+
+
+def _plain(part: Part, r: Array, q: Array, best: float, scale: float) -> Formula:
+    """A single column says itself; push and pull alike over speed are a polynomial of it."""
+    if len(part.coefficients) == 1:
+        text = f"{_what(part)} = {part.coefficients[0] * scale:.4g} {part.term.driver} {part.term.along}"
+        return Formula(text, None, None, 1.0)
+    half = len(part.coefficients) // 2
+    v = np.linspace(0.0, max(abs(s) for s in part.ranges["v"]), half)
+    table = np.tile(np.column_stack([v**0, v, v**2]), (2, 1))
+    weights = np.linalg.lstsq(r @ table, q, rcond=1e-10)[0]
+    share = (float(q @ q) - float(np.sum((q - r @ table @ weights) ** 2))) / best
+    a, b, c = weights
+    text = f"{_what(part)} = command ({a:.4g} + {b:.4g} speed + {c:.4g} speed^2)"
+    return Formula(text.replace("+ -", "- "), None, None, float(np.clip(share, 0.0, 1.0)))

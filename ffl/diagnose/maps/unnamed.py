@@ -1,0 +1,358 @@
+"""Named or nameless: the catalogue's answer against the free maps, and what the winner depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from ffl.diagnose.contest.judging import BOTH, LOST, OPEN, UNTOLD, promise
+from ffl.diagnose.contest.scene import Scene, is_far
+from ffl.diagnose.hypothesis.fit import Fit, fit
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.maps.depends import needed_variables
+from ffl.diagnose.maps.dropouts import Dropouts, dropouts
+from ffl.diagnose.maps.formula import Formula, formula
+from ffl.diagnose.maps.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
+from ffl.diagnose.maps.freemodel import (
+    FreeScreen,
+    Part,
+)
+from ffl.diagnose.maps.measured import measured
+from ffl.diagnose.noise.doubt import judged_by
+from ffl.diagnose.noise.imitate import Imitation, imitated
+from ffl.diagnose.noise.unrest import without_unrest
+from ffl.diagnose.recorded.events import PLAINLY, Events, events
+from ffl.effects import EFFECTS
+from ffl.effects.periods import Repeating, harmonics
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
+QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
+NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
+FAR = (
+    2.5  # times what maps leave: names that leave more are not nearly right, whatever they took off
+)
+EARNED = 0.05  # share of the mismatch that names must take off beside maps
+MANY = 20  # draws of noise that bursts are held against before they are called events
+LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
+TWICE = 2.0  # periods that the travel must hold before harmonics are those of what repeats
+SHARED_OUT = 0.03  # of the events before that may remain beside an effect that explains them
+HALF = 0.5  # of the mismatch that names must explain where bursts remain beside them
+NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
+
+
+@dataclass(frozen=True)
+class Contest:
+    """`alone`: maps in place of names (its `parts` empty where there are none); `beside`: maps on top
+    of the names; `fitted`, `held_out`: what `alone` gains over the names; `events`: bursts in what
+    maps in place of names leave, else in what the names leave. `verdict`: 'named', 'unnamed', 'partly'
+    or 'nothing'."""
+
+    verdict: str
+    alone: FreeForm | None
+    beside: FreeForm | None
+    fitted: float
+    held_out: float
+    events: Events | None
+    variables: tuple[str, ...] = ()
+    needed: tuple[tuple[str, float], ...] = ()  # share of the evidence that each variable is worth
+    formulas: tuple[Formula, ...] = ()
+    lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
+    led: bool = False  # the map was seen along the motion as measured: free runs do not follow it
+
+    @property
+    def mapped(self) -> tuple[str, ...]:
+        """Of the variables those of the maps."""
+        own = () if self.winner is None else self.winner.variables
+        return tuple(v for v in self.variables if v in own)
+
+    @property
+    def bursts_remain(self) -> bool:
+        """What maps in place of names leave comes in bursts."""
+        return self.verdict == "unnamed" and self.events is not None and self.events.found
+
+    @property
+    def winner(self) -> FreeForm | None:
+        return self.alone if self.verdict == "unnamed" else self.beside
+
+
+def compare(
+    scene: Scene, held: Scene | None, nominal: Model, found: Fit, rng: Generator
+) -> Contest:
+    """The names that were `found` against maps alone, and beside maps."""
+    standing = found.model
+    named = bool(standing.effects)
+    if scene.plain:  # no noise model to judge a map by
+        return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
+    left, before = scene.residuals(standing), scene.residuals(nominal)
+    if left is None or before is None:
+        return Contest("named" if named else "nothing", None, None, 0.0, 0.0, None)
+    if held is not None and held.trials:
+        held = judged_by(held, found)
+    calm, calm_held = without_unrest(scene), None if held is None else without_unrest(held)
+    lost = dropouts(calm, calm_held, nominal)
+    if lost is not None:
+        gains = lost.gains(calm, calm_held, standing)
+        if _lost(lost, *gains):
+            return Contest("unnamed", None, None, *gains, None, ("command", "time"), lost=lost)
+    stated = None
+    bursts, loud = events(scene, left), _loudness(scene, standing, left)
+    if not bursts.found:
+        stated = nominal.base.plant
+        bursts = events(scene, left, stated)
+    if bursts.found or (named and loud > QUIET_ENOUGH):
+        # What sticks and slips answers noise in bursts, louder than the loop alone would make it; slow
+        # noise holds few independent samples in a short window and looks like bursts on any machine.
+        machine, sent = standing.judged_on(scene.trials)
+        alike = imitated(machine.plant(), sent, scene.noise, rng)
+        bursts = _beyond(bursts, scene, alike, stated)
+        if bursts.found:  # a few draws may all be tame
+            more = imitated(machine.plant(), sent, scene.noise, rng, MANY)
+            bursts = _beyond(bursts, scene, more, stated)
+        loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
+    at_ease = loud < QUIET_ENOUGH and not bursts.found
+    if bursts.found and named and _told(calm, standing, left, before) < HALF:
+        named = False  # what stands drew some of the bursts, and they are still there
+    maps = free_form(scene, held, _without_names(standing, nominal))
+    bare = maps[0].free.model if maps else nominal
+    alone = maps[-1] if maps and maps[-1].parts else None
+    if alone is None or _astray(scene, standing, alone):
+        drawn = _led(calm, calm_held, nominal, standing, left)
+        if drawn is not None:
+            gained = drawn.evidence
+            return Contest("unnamed", drawn, None, gained, 0.0, None, drawn.variables, led=True)
+    fitted, held_out, promised = _gains(scene, held, standing, alone) if alone else (0.0, 0.0, 0.0)
+    gains = fitted, held_out
+    if not named:
+        # Over numbers of the linear model that have converged; recordings that hardly show what the
+        # maps are cannot confirm it.
+        told = alone is not None and (gains[1] > MARGIN or (alone.untold and gains[0] > UNTOLD))
+        if alone and gains[0] > MARGIN and told:
+            return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
+        verdict = "unnamed" if bursts.found else "nothing"
+        return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
+    # What was seen directly in the recording stands; maps may come beside it. (A clipped output under
+    # loud noise has a rounder mean than its limit, and a map that draws it is no discovery.)
+    seen = bool({e.name for e in standing.effects} & standing.proven)
+    alone = None if seen else alone
+    if alone and min(gains) > -MARGIN and _drawn(standing):
+        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
+    winning = alone is not None and gains[0] > MARGIN and gains[1] > HELD_WORTH
+    if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
+        # Held-out recordings that show little of it may lose a little on a map, which is never
+        # quite still where there is nothing.
+        winning = _cost(scene, standing, alone) > FAR * alone.cost
+        # Where they can hardly tell names from maps the fitted ones do.
+        winning = winning or promised < HELD_WORTH
+    if at_ease and not winning:
+        return Contest("named", alone, None, *gains, bursts)
+    only = [p.term.name for p in alone.parts] if alone and winning else []
+    maps = free_form(scene, held, standing, names=only)
+    beside = maps[-1] if maps and maps[-1].parts else None
+    nearly = None  # several names that do less than one map are no simpler for being nearly right
+    if alone and winning and len(standing.effects) <= len(alone.parts):
+        nearly = alone if _nearly(scene, held, bare, standing, alone) else None
+    if alone and winning and not nearly and not _better(beside, alone, nominal, held):
+        return _described(Contest("unnamed", alone, beside, *gains, _after(alone)), rng)
+    if beside or nearly:
+        return _described(Contest("partly", alone, beside or nearly, *gains, bursts), rng)
+    if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
+        return Contest("partly", alone, None, *gains, bursts)
+    return Contest("named", alone, None, *gains, bursts)
+
+
+def _astray(scene: Scene, standing: Model, alone: FreeForm) -> bool:
+    """Neither the names nor the maps run where the machine ran."""
+    n = len(alone.white)
+    return is_far(alone.cost, n) and is_far(_cost(scene, standing, alone), n)
+
+
+def _led(
+    calm: Scene, held: Scene | None, nominal: Model, standing: Model, left: list[Array]
+) -> FreeForm | None:
+    """`measured` beside what stands; what names leave passes for noise in their own scene: near is who
+    leaves the least noise there is. Numbers of a linear model that is far off are bent to stand for what
+    is missing: then it is asked beside the nominal one."""
+    quiet = replace(calm, noise=least_noise(calm, standing, left))
+    found = fit(quiet, standing, rounds=0)
+    if found.far and not standing.effects:
+        found = fit(quiet, nominal, rounds=0)
+    return measured(calm, held, found)
+
+
+def _lost(lost: Dropouts, fitted: float, held_out: float) -> bool:
+    """What did not arrive says more than the names do, which samples it was charged; fitted recordings
+    that hardly show it may lose a little where the others confirm it clearly."""
+    if lost.confirmed:
+        return held_out > MARGIN and fitted > MARGIN - BOTH * held_out
+    return fitted > MARGIN and held_out > -MARGIN
+
+
+def _drawn(standing: Model) -> bool:
+    """A period with harmonics that no recording holds twice draws any function of the position: nothing
+    shows that it repeats, and a map that does as well says no more than was seen."""
+    return any(
+        isinstance(EFFECTS[e.name], Repeating)
+        and len(harmonics(e.parameters)) > 1
+        and TWICE * float(e.parameters["period"]) > standing.base.travel
+        for e in standing.effects
+    )
+
+
+def _after(alone: FreeForm) -> Events | None:
+    """Bursts in what the maps leave: they come at times of their own, whatever a map has drawn of them.
+    No map is perfect, so they must be plain to see (a creep's left 3, knocks 16)."""
+    left = alone.scene.residuals(alone.free)
+    return None if left is None else replace(events(alone.scene, left), limit=PLAINLY)
+
+
+def _beyond(bursts: Events, scene: Scene, alike: list[Imitation], stated: Plant | None) -> Events:
+    """`bursts`, found only where they are louder than those of recordings `alike` in which noise is all."""
+    usual = max((events(scene, one.y, stated).ratio for one in alike), default=0.0)
+    return replace(bursts, limit=max(bursts.limit, LOUDER * usual))
+
+
+def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:
+    """Mean square of residuals whitened by the least noise that they show."""
+    quiet = replace(scene, noise=least_noise(scene, model, residuals))
+    return float(np.mean(quiet.whiten(residuals) ** 2))
+
+
+def _without_names(standing: Model, nominal: Model) -> Model:
+    """What maps are tried beside: a number held on the line, for no name to hide in it, hides a map just
+    as well."""
+    return nominal if standing.effects else replace(standing, held=nominal.held)
+
+
+def _told(scene: Scene, standing: Model, left: list[Array], before: list[Array]) -> float:
+    """Share of the mismatch `before` that `standing` explains, under the least noise that is left."""
+    quiet = replace(scene, noise=least_noise(scene, standing, left))
+    some, whole = (float(np.sum(quiet.whiten(e) ** 2)) for e in (left, before))
+    return 1.0 - some / whole
+
+
+def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
+    """Sum of squares that the names leave in the fitted recordings, under the maps' noise."""
+    quiet = scene.like(alone.scene)
+    left = quiet.residuals(standing)
+    return np.inf if left is None else float(np.sum(quiet.whiten(left) ** 2))
+
+
+def _gains(
+    scene: Scene, held: Scene | None, standing: Model, alone: FreeForm
+) -> tuple[float, float, float]:
+    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise, and what
+    the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
+    fitted ones leave open is no map's."""
+    quiet = scene.like(alone.scene)
+    left = quiet.residuals(standing)
+    if left is None:
+        return np.inf, np.inf, np.inf
+    all_of_it = np.ones(len(alone.white), bool)
+    fitted = held_gain(quiet.whiten(left), alone.white, all_of_it)
+    if held is None or not held.trials:
+        return fitted, fitted, np.inf
+    judged, bare = held.like(alone.scene), alone.free.model
+    rivals = [standing]
+    if not standing.effects and 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
+        rivals.append(bare)
+    gained, promised = [], []
+    for rival in rivals:
+        left = judged.residuals(rival)
+        white = np.full(len(alone.held_white), np.inf)
+        if left is not None:
+            white = judged.judge(left, alone.known)
+        gained.append(held_gain(white, alone.held_white, alone.known))
+        promised.append(promise(white[alone.known], alone.held_white[alone.known]))
+    return fitted, min(gained), max(promised)
+
+
+def _nearly(
+    scene: Scene, held: Scene | None, bare: Model, standing: Model, alone: FreeForm
+) -> bool:
+    """The names take off nearly all that the maps do: something is wrong with them, but not much. What
+    `bare`, the linear model with corrections of its own, takes off is neither's."""
+    sets = [(scene.like(alone.scene), alone.white, np.ones(len(alone.white), bool))]
+    if held is not None and held.trials:
+        judged = held.like(alone.scene)
+        sets.append((judged, alone.held_white, alone.known))
+    for ground, white, known in sets:
+        none, named = ground.residuals(bare), ground.residuals(standing)
+        if none is None or named is None:
+            return False
+        whole, some, least = (
+            float(np.mean(x[known] ** 2))
+            for x in (ground.judge(none, known), ground.judge(named, known), white)
+        )
+        if whole - some < NEARLY * (whole - least) or some > FAR * least:
+            return False
+    return True
+
+
+def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scene | None) -> bool:
+    """The names earn their place beside maps: without them a share of the mismatch comes back, in the
+    fitted and in the held-out recordings."""
+    if beside is None:
+        return False
+    pairs = [(beside.scene, alone.scene, beside.white, np.ones(len(beside.white), bool))]
+    if held is not None and held.trials:
+        judged, own = held.like(beside.scene), alone.held or held
+        pairs.append((judged, own, beside.held_white, alone.known & beside.known))
+    for scene, own, white, known in pairs:
+        without = own.residuals(alone.free)
+        nothing = scene.residuals(nominal)
+        if without is None or nothing is None:
+            return True
+        if held_gain(scene.judge(without, known), white, known) < MARGIN:
+            return False
+        whole, some, none = (
+            float(np.mean(x[known] ** 2))
+            for x in (scene.judge(nothing, known), scene.judge(without, known), white)
+        )
+        if some - none < EARNED * (whole - none):
+            return False
+    return True
+
+
+# --- what it depends on ---------------------------------------------------------------------------
+
+
+def _described(contest: Contest, rng: Generator) -> Contest:
+    winner = contest.winner
+    assert winner is not None
+    screen = FreeScreen(winner.scene, winner.free)
+    needed: dict[str, float] = {}
+    formulas = []
+    for index, part in enumerate(winner.parts):
+        for name, share in needed_variables(screen, winner.free, winner.white, part, rng).items():
+            needed[name] = max(needed.get(name, 0.0), share)
+        scale = winner.free.model.simulator.force_per_input if part.place.port == "force" else 1.0
+        said = formula(screen, winner.free, winner.white, index, scale)
+        if said is not None:
+            formulas.append(said)
+    worth = NEEDED + MARGIN / max(winner.evidence, MARGIN)
+    variables = tuple(v for v in winner.variables if needed.get(v, 1.0) > worth)
+    variables = variables or winner.variables
+    variables += tuple(
+        v for part in winner.alike for v in part.term.variables if v not in variables
+    )
+    if contest.bursts_remain:
+        variables = tuple(dict.fromkeys((*variables, "time")))
+    return replace(
+        contest,
+        variables=variables,
+        needed=tuple(needed.items()),
+        formulas=tuple(formulas),
+    )
+
+
+def component_of(parts: Sequence[Part]) -> str:
+    """The component of the machine that a map's port points to."""
+    part = parts[0]
+    if part.place.port == "force":
+        return "environment" if "heat" in part.term.along else "plant"
+    return {"command": "actuator", "output": "sensor"}[part.place.port]

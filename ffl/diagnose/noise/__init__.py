@@ -1,0 +1,1 @@
+"""What noise leaves in the loop, and how loud it is where."""

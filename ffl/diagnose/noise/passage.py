@@ -1,0 +1,109 @@
+"""How a signal gets from where it acts to the whitened y: impulse responses of the linear loop, and
+what a sensor shows of what they bring."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.fft
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.linear import discrete
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import Place
+from ffl.systems.state_space import Array, StateSpace
+
+TAIL = 1e-7  # energy of an impulse response that may be cut off
+
+
+class Passage:
+    """From every place to the whitened y of the recordings of `scene`, to first order beside `model`."""
+
+    def __init__(self, scene: Scene, model: Model) -> None:
+        self.scene, self.model = scene, model
+        self._impulses: dict[Place, list[Array]] = {}
+        self._spectra: dict[Place, list[tuple[int, Array]]] = {}
+
+    def of(self, scene: Scene) -> Passage:
+        """The same for a scene of the same noise and loop, whose recordings began otherwise."""
+        other = copy.copy(self)
+        other.scene = scene
+        return other
+
+    def through(
+        self, place: Place, columns: Sequence[Array], passed: Sequence[Array] | None = None
+    ) -> Array:
+        """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of a sensor in a
+        loop at rest what changes since: the loop has brought the rest to the reference. `passed` (N_i,):
+        what the sensor shows of a small change; all of it where there is none."""
+        out = []
+        settled = place.port == "output" and self.scene.loop.controller is not None
+        for k, (x, trial) in enumerate(zip(columns, self.scene.trials, strict=True)):
+            x = x - x[0] if settled and trial.at_rest else x
+            if passed is None:
+                n, response = self._responses(place)[k]
+                y = scipy.fft.irfft(scipy.fft.rfft(x.T, n) * response, n)[:, : len(x)].T
+            else:
+                seen = passed[k][:, None] * self._moved(place, x)
+                y = self.scene.whiteners[k].steady(seen)
+            out.append(trial.weighed(y))
+        return np.concatenate(out)
+
+    def _moved(self, place: Place, x: Array) -> Array:
+        """What signals x (N, k) at `place` do to y before its sensor."""
+        response = self._response(place)
+        n = scipy.fft.next_fast_len(len(x) + len(response) - 1, real=True)
+        return scipy.fft.irfft(scipy.fft.rfft(x.T, n) * scipy.fft.rfft(response, n), n)[
+            :, : len(x)
+        ].T
+
+    def impulses(self, place: Place) -> list[Array]:
+        """Impulse response from a signal at `place` to the whitened y, one per recording."""
+        if place not in self._impulses:
+            response = self._response(place)
+            out = []
+            done: dict[int, Array] = {}
+            for whitener in self.scene.whiteners:
+                key = id(whitener)
+                if key not in done:
+                    h = whitener.steady(response)
+                    energy = np.cumsum(h[::-1] ** 2)[::-1]
+                    keep = int(np.searchsorted(-energy, -TAIL * energy[0])) + 1
+                    done[key] = h[:keep]
+                out.append(done[key])
+            self._impulses[place] = out
+        return self._impulses[place]
+
+    def _response(self, place: Place) -> Array:
+        """Impulse response from a signal at `place` to y."""
+        longest = max(len(t) for t in self.scene.trials)
+        n = min(longest, 1 << 14)
+        mechanics = self.model.simulator.mechanics
+        loop = self.scene.loop
+        unit = np.zeros(n)
+        unit[0] = 1.0
+        if place.port == "output":
+            return loop.sensitivity.filter(unit)
+        if place.port == "command":
+            return loop.process_sensitivity.filter(unit)
+        point = mechanics.point(place.side, place.mass_ratio)
+        through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
+        through = replace(through, fast=nothing(mechanics.sample_time))
+        return loop.sensitivity.filter(discrete(through).filter(unit))
+
+    def _responses(self, place: Place) -> list[tuple[int, Array]]:
+        """Length of the transform and spectrum of the impulse response, one per recording."""
+        if place not in self._spectra:
+            out = []
+            for trial, h in zip(self.scene.trials, self.impulses(place), strict=True):
+                n = scipy.fft.next_fast_len(len(trial) + len(h) - 1, real=True)
+                out.append((n, scipy.fft.rfft(h, n)))
+            self._spectra[place] = out
+        return self._spectra[place]
+
+
+def nothing(sample_time: float) -> StateSpace:
+    return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 0.0, sample_time)

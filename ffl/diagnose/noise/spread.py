@@ -1,0 +1,42 @@
+"""Standard errors that hold where what is left is not white.
+
+A name that is nearly right, or noise of another colour than the model's, leaves a residual in which
+neighbours are alike. White noise of the same power would then tell the numbers better than the residual
+does. With e the whitened residual, J its derivatives and H = (J'J)^-1,
+
+    cov theta = H (sum_b s_b s_b') H,   s_b = J_b' e_b,
+
+sums over blocks b of time, longer than what is left remembers (White 1980; blocks as of Newey and
+West's lags). Reported is the larger of this and of white noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ffl.diagnose.hypothesis.fit import Fit
+from ffl.systems.state_space import Array
+
+BLOCKS = 20  # of all recordings together
+FEWEST = 2  # of one recording
+
+
+def spread(fit: Fit, samples: Sequence[int]) -> Array:
+    """Standard deviations of theta, (p,), infinite where the data see nothing; `samples` of each recording
+    that was fitted, which sum to the rows of the Jacobian."""
+    white, plain = fit.white, fit.spread
+    if fit.root is None or sum(samples) != len(white):
+        return plain
+    half, scale = fit.root
+    j = np.where(np.isfinite(fit.jacobian).all(axis=0), fit.jacobian, 0.0)
+    rows, at = [], 0
+    for n in samples:
+        count = max(FEWEST, round(BLOCKS * n / len(white)))
+        rows += [b for b in np.array_split(np.arange(at, at + n), count) if len(b)]
+        at += n
+    sums = np.array([(j[b] / scale).T @ white[b] for b in rows]) @ half
+    with np.errstate(over="ignore", invalid="ignore"):
+        own = np.sqrt(np.sum((half @ sums.T) ** 2, axis=1)) / scale
+    return np.fmax(plain, own)

@@ -1,0 +1,39 @@
+"""A drive that bends or limits the command, fed with the command as it was recorded.
+
+Within a dead zone, or at a limit, nothing holds the machine: force noise moves it as it likes, and a free
+run, which takes part in none of it, says little of what was left out. What it leaves there is slow, and
+slow effects that are not there take some of it off. With the command as recorded taken through the
+drive, u' = D(u), the rest is the linear loop with d = u' - u beside its command,
+    y - y'_sim = S (P w + v),
+whose noise is stationary again and whitened exactly: log p(y | u) of the same samples. Where the command
+goes through other effects as well, delays say, d is what all of them make of it less what the others do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.predict.company import separable, without
+from ffl.diagnose.recorded.trials import Trial
+from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
+
+
+def bends(spec: EffectSpec) -> bool:
+    """Whether the effect makes of each command another one, whatever was before."""
+    effect = EFFECTS[spec.name]
+    return effect.port == "command" and tuple(effect.depends_on) == ("command",)
+
+
+def as_sent(trial: Trial, effects: Sequence[EffectSpec]) -> Trial | None:
+    """The trial for a simulation of `effects` without those that bend the command; None where it was not
+    recorded, or goes through one that cannot be followed without the machine."""
+    through = [spec for spec in effects if EFFECTS[spec.name].port == "command"]
+    if not np.all(np.isfinite(trial.u)) or not all(map(separable, through)):
+        return None
+    others = [spec for spec in through if not bends(spec)]
+    made = without(trial, through).u - without(trial, others).u
+    return replace(trial, load=made if trial.load is None else trial.load + made)

@@ -1,0 +1,237 @@
+"""Dry friction where noise decides when a machine lets go, told by prediction.
+
+The contest judges by simulations without noise. Near standstill noise moves a machine that a simulation
+holds, and smooths the friction: free runs then ask for a fraction of its level, or for a damping in its
+place, and for the form that bends best. (A level of 0.68 N in the mean came out as 0.38 N, under force
+noise of 0.38 N.) Here every form is fitted to what a filter that sticks and slips (`slipping`) leaves
+from sample to sample, corrections of the linear model beside it. Without friction the filter's
+likelihood is that of whitening; the friction must be the likelier by either measure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import SHARE, Judged, credible
+from ffl.diagnose.contest.line import crosses
+from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE
+from ffl.diagnose.hypothesis.amounts import claims, sizes
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import POINT, places_of
+from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict.company import separable
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
+
+PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
+CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+TRUSTED = 1.5  # times the stated noise: a filter that needs more leaves more than noise
+LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
+FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
+YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
+KNOTS = 9  # of a table
+FOOTING = 50.0  # nats a recording: more is no matter of where it begins
+
+
+def with_dry_friction(
+    scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
+) -> Outcome:
+    """`outcome`, or, where a dry friction foretells fitted and held-out recordings clearly better than what
+    stands in its place, that friction; `told`: the model with no effect, `prior`: noise as the plant file
+    states it."""
+    standing = outcome.standing
+    if held is None or told.acting or standing.predicted:
+        return outcome
+    company = _company(standing.model)
+    if company is None:
+        return outcome
+    if scene.plain or scene.observed or not told.base.plant.machine.states_noise:
+        return outcome
+    scene, held = (
+        replace(scene, trials=standing.scene.trials),
+        standing.held or outcome.held or held,
+    )
+    if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
+        return outcome
+    told = replace(told, effects=company)
+    begun = replace(told, corrections=standing.model.corrections)
+    noises = (prior, partly_coloured(prior), standing.scene.noise)
+    plain, rivals = _forms(scene, held, (told, begun), noises)
+    best = _best(rivals)
+    if best is not None and crosses(scene, best):
+        best = _as_stated(best, scene, held)
+    if plain is None or best is None:
+        return outcome
+    before = _by_free_runs(standing, best, scene, held, told)
+    gains = [
+        b - a for one in (plain, before) for a, b in zip(_worth(one), _worth(best), strict=True)
+    ]
+    if min(gains) < CLEAR or crosses(scene, best) or _louder(best.scene.noise, prior) > TRUSTED:
+        return outcome
+    name = best.model.names[-1]
+    stood = next((n for n in before.model.names if n in DRY | PASSES), "nothing")
+    kept = {k: v for k, v in outcome.contenders.items() if k in best.model.names}
+    others = [(one.model.names[-1], one) for one in rivals]
+    contenders = {**kept, name: others if stood in FORMS else [*others, (stood, before)]}
+    step = Step(before, (), (best,), best)
+    return Outcome(best, [*outcome.steps, step], outcome.held, contenders)
+
+
+def _best(rivals: Sequence[Judged]) -> Judged | None:
+    """The likeliest form that has numbers of its physics; a table must say more, not fit a little better,
+    and what does as well with fewer numbers is preferred."""
+    able = [one for one in rivals if credible(one)]
+    if not able:
+        return None
+    share = SHARE * max(len(one.fit.white) for one in able)
+
+    def worth(one: Judged) -> float:
+        return one.score - (share if one.model.names[-1] in PLIABLE else 0.0)
+
+    top = max(worth(one) for one in able)
+    near = [one for one in able if worth(one) > top - SUBSTITUTE]
+    return min(near, key=lambda one: len(one.model.coordinates))
+
+
+def _as_stated(best: Judged, scene: Scene, held: Scene) -> Judged | None:
+    """`best` with what of mass, damping and stiffness went beyond the contract's line as the plant file has
+    it: it stands for what a step of a sample does not resolve, or for an effect that free runs tell."""
+    beyond = {n for n, size in sizes(scene, best.model).items() if claims(n, size)}
+    corrections = {k: v for k, v in best.model.corrections.items() if k not in beyond}
+    model = replace(best.model, corrections=corrections, held=best.model.held | beyond)
+    return _judged(refitted(Slip(model, best.scene.noise), scene.trials), scene, held)
+
+
+def _company(model: Model) -> tuple[EffectSpec, ...] | None:
+    """What stands beside a friction or what passes for one; None where neither stands, or something that
+    the filter does not know."""
+    names = set(model.names)
+    friction = names & DRY or names & PASSES
+    if model.effects and len(friction) != 1:
+        return None
+    if friction & (PLIABLE | DRY - set(FORMS)):  # free runs made more of it than the filter can
+        return None
+    beside = tuple(spec for spec in model.effects if spec.name not in friction)
+    return beside if all(spec.name in LINEAR or separable(spec) for spec in beside) else None
+
+
+def _louder(noise: Noise, stated: Noise) -> float:
+    """How many times louder force or sensor are than stated."""
+    force = np.hypot(noise.force, noise.force_coloured) / np.hypot(
+        stated.force, stated.force_coloured
+    )
+    sensor = np.hypot(noise.sensor, noise.sensor_coloured)
+    return float(max(force, sensor / np.hypot(stated.sensor, stated.sensor_coloured)))
+
+
+def _worth(judged: Judged) -> tuple[float, float]:
+    """Of the fitted recordings, its numbers charged, and of the held-out ones."""
+    return judged.score - judged.held_out, judged.held_out
+
+
+def _by_free_runs(standing: Judged, best: Judged, scene: Scene, held: Scene, told: Model) -> Judged:
+    """`standing` by the likelihood of its free runs, on a footing with the filter's: what this has of the
+    model without friction beyond what whitening has, of where recordings begin, is granted."""
+    worth = []
+    for ground in (scene, held):
+        quiet = replace(ground, worth=1.0).like(best.scene)
+        left = quiet.residuals(told)
+        granted = -np.inf if left is None else quiet.likeliest(quiet.whiten(left))
+        footing = Slip(told, best.scene.noise).scaled(ground.trials)[0] - granted
+        own = replace(ground, worth=1.0).like(standing.scene)
+        left = own.residuals(standing.model)
+        free = -np.inf if left is None else own.likeliest(own.whiten(left))
+        worth.append(free + (footing if abs(footing) < FOOTING * len(ground.trials) else 0.0))
+    return replace(standing, fitted=worth[0], held_out=worth[1])
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _forms(
+    scene: Scene, held: Scene, begun: Sequence[Model], noises: Sequence[Noise]
+) -> tuple[Judged | None, list[Judged]]:
+    """The best without friction, from where the corrections stand and from nominal, and forms of friction
+    where plain friction foretells best, under that of the `noises` that suits it."""
+    trials, told = scene.trials, begun[0]
+    base = told.base
+    force = _rms([t.u for t in trials]) * base.simulator.force_per_input
+
+    def likeliest(begun: Sequence[Slip]) -> Slip:
+        return max(begun, key=lambda h: h.worth(trials))
+
+    plain = refitted(
+        likeliest(
+            [
+                _with(model, noise, "coulomb_friction", place.options, level=force * size)
+                for model in begun for noise in noises for place in places_of(told) for size in LEVELS
+            ]
+        ),
+        trials,
+    )  # fmt: skip
+    bare = plain.model.without(len(told.effects))
+    none = likeliest(
+        [
+            refitted(Slip(m, noise), trials)
+            for m in (*begun, bare)
+            for noise in {plain.noise, *noises}
+        ]
+    )
+    spec = plain.model.effects[-1]
+    level, options = (
+        spec.parameters["level"],
+        {k: spec.options[k] for k in POINT if k in spec.options},
+    )
+    speed = _rms([np.diff(t.y) / t.sample_time for t in trials])
+    low, high = (end(end(t.y) for t in trials) for end in (min, max))
+    flat = [level] * KNOTS
+    table = {"grid": np.linspace(low, high, KNOTS).tolist(), "positive": flat, "negative": flat}
+    starts: dict[str, list[dict[str, Any]]] = {
+        "asymmetric_friction": [{"level_positive": level, "level_negative": level}],
+        "stribeck_friction": [
+            {
+                "coulomb_level": 0.9 * level,
+                "static_level": 1.5 * level,
+                "stribeck_velocity": v * speed,
+            }
+            for v in FALLS
+        ],
+        "presliding_friction": [
+            {"level": level, "stiffness": level / (x * base.travel), "micro_damping": 0.0}
+            for x in YIELDS
+        ],
+        "position_dependent_friction": [{"level": level, "table": table}],
+    }
+    forms = [plain]
+    for name, values in starts.items():
+        forms.append(
+            likeliest(
+                [refitted(_with(bare, plain.noise, name, options, **own), trials) for own in values]
+            )
+        )
+    judged = [_judged(found, scene, held) for found in forms]
+    return _judged(none, scene, held), [one for one in judged if one is not None]
+
+
+def _with(model: Model, noise: Noise, name: str, options, **values: Any) -> Slip:  # type: ignore[no-untyped-def]
+    return Slip(model.with_effect(EffectSpec(name, values, dict(options))), noise)
+
+
+def _judged(found: Slip, scene: Scene, held: Scene) -> Judged | None:
+    fitted, factor = found.scaled(scene.trials)
+    found = replace(found, noise=found.noise.scaled(factor))
+    fit, ahead = found.fit(scene.trials), found.predict(held.trials)
+    if fit is None or ahead is None:
+        return None
+    own = replace(scene, noise=found.noise)
+    judged = found.scaled(held.trials)[0]
+    return Judged(fit, own, fitted, judged, ahead[0], held, predicted=True)

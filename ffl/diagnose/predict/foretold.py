@@ -1,0 +1,122 @@
+"""A hypothesis foretold from sample to sample, y and the command as measured, and fitted to that.
+
+Where two free runs of one machine part, or noise moves it as much as the command does, a filter that keeps
+the state at what was measured says more than a simulation. Its innovations e_t of variance S_t have
+
+    log p(y) = -(sum log(2 pi S_t) + e_t^2/S_t)/2,
+
+with all noise scaled to what is left.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
+
+import numpy as np
+
+from ffl.diagnose.hypothesis.fit import Fit, surprise
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import Trial
+from ffl.systems.state_space import Array
+
+ROUNDS, TRIES = 8, 5  # of a fit, and damped steps of each
+STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
+Told = TypeVar("Told", bound="Foretold")
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """A model, and the noise that it is foretold under."""
+
+    model: Model
+    noise: Noise
+
+    @property
+    def theta(self) -> Array:
+        return self.model.theta.copy()
+
+    def at(self, theta: Array) -> Self:
+        return replace(self, model=self.model.at(theta))
+
+    @property
+    @abstractmethod
+    def steps(self) -> Array:
+        """Differences for derivatives, by coordinate."""
+
+    @abstractmethod
+    def predict(self, trials: Sequence[Trial]) -> tuple[Array, Array] | None:
+        """(scaled innovations, logarithms of their scales) of all recordings; None: no such plant."""
+
+    def scaled(self, trials: Sequence[Trial]) -> tuple[float, float]:
+        """(log-likelihood with all noise times the factor that suits it best, the factor)."""
+        found = self.predict(trials)
+        if found is None:
+            return -np.inf, 1.0
+        white, logs = found
+        square = float(np.mean(white**2))
+        value = -0.5 * len(white) * (1.0 + np.log(square)) - logs.sum()
+        return float(value), float(np.sqrt(square))
+
+    def columns(self, trials: Sequence[Trial], white: Array) -> Array:
+        """Derivatives of the scaled prediction `white` by theta, (N, p)."""
+        theta = self.theta
+        found = np.zeros((len(white), len(theta)))
+        for k, step in enumerate(self.steps):
+            moved = theta.copy()
+            moved[k] += step
+            there = self.at(moved).predict(trials)
+            if there is not None:
+                found[:, k] = (white - there[0]) / step
+        return found
+
+    def linearised(self, trials: Sequence[Trial], found: tuple[Array, Array], factor: float):  # type: ignore[no-untyped-def]
+        """(what is to be made small, its derivatives by theta), with all noise times `factor`."""
+        return found[0] / factor, self.columns(trials, found[0]) / factor
+
+    def fit(self, trials: Sequence[Trial]) -> Fit | None:
+        """As it stands; None: no such plant."""
+        foretold = self.predict(trials)
+        if foretold is None:
+            return None
+        columns = self.columns(trials, foretold[0])
+        return Fit(self.model, foretold[0], columns, columns, "converged")
+
+    def worth(self, trials: Sequence[Trial]) -> float:
+        """What a search makes most."""
+        return self.scaled(trials)[0] - surprise(self.model)
+
+
+def refitted(point: Told, trials: Sequence[Trial], fixed: Sequence[int] = ()) -> Told:
+    """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left; numbers `fixed`
+    stay."""
+    doubts = np.array([c.doubt for c in point.model.coordinates])
+    point = point.at(point.theta)  # within the bounds of every number
+    damping, worth = 1e-2, point.worth(trials)
+    for _ in range(ROUNDS):
+        found = point.predict(trials)
+        if found is None:
+            return point
+        theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
+        white, j = point.linearised(trials, found, factor)
+        j[:, list(fixed)] = 0.0
+        pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
+        size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+        before = worth
+        for _ in range(TRIES):
+            table = np.vstack([j, np.diag(pull), np.sqrt(damping) * np.diag(size)])
+            wanted = np.concatenate([white, -pull * theta, np.zeros(len(theta))])
+            step = np.linalg.lstsq(table / size, wanted, rcond=None)[0] / size
+            step[list(fixed)] = 0.0
+            tried = point.at(theta + step)
+            value = tried.worth(trials)
+            if value > worth:
+                point, worth, damping = tried, value, 0.2 * damping
+                break
+            damping = max(10.0 * damping, 1e-2)
+        if worth - before < 0.5 * STILL:
+            break
+    return point

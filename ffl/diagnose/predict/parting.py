@@ -1,0 +1,92 @@
+"""Where two free runs of one machine part, and an observer tells what no free run does.
+
+A machine on a spring that sticks and slips, or hangs within a play, without a controller: force noise
+moves the moment at which it lets go, and from there on two runs of it differ, right in every number. Led
+to what was measured by a controller of our own (`observer`), the simulation lets go when the machine did.
+For a linear machine both ways are one likelihood,
+
+    y - yhat = S (P d + n)  led,   P d + n  free,   log det S = 0,
+
+and whitening gives the same innovations; with such physics in it the observer's is the sharper. What free
+runs leave unexplained is therefore looked at again led by an observer, and told by it where it is clearly
+likelier in fitted and held-out recordings alike. The figures of the proof stay those of free runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.proof.prove import Proof, prove, run_plant
+from ffl.diagnose.recorded.starts import with_clocks, with_starts
+from ffl.diagnose.result import Diagnosis
+
+CLEAR = 60.0  # log-likelihood, fitted and held out, by which the observer must know better
+UNSETTLED = frozenset({"partly_explained", "inconclusive"})
+NAMED = frozenset({"explained", "partly_explained"})
+
+
+def parts(found: Diagnosis) -> bool:
+    """Whether free runs leave open what an observer may tell: of a machine without a controller whose
+    command and noise are known, nothing of it seen directly."""
+    judged = found.judged
+    if judged is None or judged.held is None or found.verdict not in UNSETTLED:
+        return False
+    scene, base = judged.scene, judged.model.base
+    if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
+        return False
+    known = all(np.all(np.isfinite(t.u)) for t in (*scene.trials, *judged.held.trials))
+    return known and found.plant.machine.states_noise and base.plant.system is found.plant.system
+
+
+def clearer(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:
+    """`found` by free runs, or `again`, by an observer, where its names are likelier by far and free runs
+    of them no worse than of the model alone."""
+    if again.verdict not in NAMED or again.judged is None or again.judged.predicted:
+        return found
+    gains = [b - a for a, b in zip(_likelihoods(found), _likelihoods(again), strict=True)]
+    if not min(gains) > CLEAR:
+        return found
+    proof = _free_proof(found, again, rng)
+    if not proof.nrmse_after < proof.nrmse_before:
+        return found
+    note = (
+        "free runs of this machine part, so what is missing was told by an observer that leads the "
+        "simulation to y; the held-out figures are of free runs"
+    )
+    return replace(again, proof=proof, notes=(*again.notes, note))
+
+
+def _likelihoods(found: Diagnosis) -> tuple[float, ...]:
+    """Of fitted and held-out recordings, under what stands, by noise of the size that suits them best."""
+    judged, held = _told(found)
+    out = []
+    for ground in (judged.scene, held.like(judged.scene)):
+        ground = replace(ground, worth=1.0)
+        residuals = ground.residuals(judged.model)
+        out.append(-np.inf if residuals is None else ground.likeliest(ground.whiten(residuals)))
+    return tuple(out)
+
+
+def _told(found: Diagnosis) -> tuple[Judged, Scene]:
+    """What stands, and the recordings that judge it."""
+    judged = found.judged
+    if judged is None or judged.held is None:
+        raise ValueError("a diagnosis without a contest has nothing to compare")
+    return judged, judged.held
+
+
+def _free_proof(found: Diagnosis, again: Diagnosis, rng: Generator) -> Proof:
+    """The proof of `again` by free runs, from starts and on clocks of its own."""
+    (free, judging), (led, _) = _told(found), _told(again)
+    quiet = replace(judging, noise=led.scene.noise)
+    model, nominal = replace(led.model, base=free.model.base), Model(free.model.base)
+    held = with_starts(with_clocks(quiet, model, 0), model)
+    before = [nominal.simulate(trial) for trial in held.trials]
+    after = [run_plant(again.augmented, trial) for trial in held.trials]
+    return prove(held, before, after, quiet, rng, again.augmented)

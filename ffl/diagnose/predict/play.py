@@ -1,0 +1,239 @@
+"""A play between two masses, fitted to what the switching filter leaves from sample to sample.
+
+The linear model's corrections, the numbers of its company, mass ratio or load and the damping of the
+contact are fitted with the gap, by log p(y | r) of `switching` with all noise scaled to what is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.coordinate import Coordinate
+from ffl.diagnose.hypothesis.linear import BOUND
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict.company import without
+from ffl.diagnose.predict.foretold import Foretold, refitted
+from ffl.diagnose.predict.switching import Switching
+from ffl.diagnose.recorded.trials import Trial
+from ffl.errors import InputError
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
+
+GAPS = np.geomspace(1e-4, 0.03, 12)  # of the travel
+NONE = 1e-9
+RATIOS = (0.4, 1.0, 2.5)
+CONTACT = 0.05  # damping ratio of the contact to begin with
+SHARES, FREQUENCIES, STICKY = (0.25, 0.5, 0.75), (60.0, 130.0), 0.2  # of a load behind the gap
+STARTS = 3  # forms of the grid that are looked at more closely
+LEAST_SHARE = 0.03  # of the mass: as good as none behind the gap
+LOG_STEP = 0.01  # of a logarithm, for derivatives
+CONTACT_STEP = 0.02  # of the contact's
+COMPANY_STEP = 0.01  # of an effect's size
+GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fit look at
+# Times the force noise: what it is more than stated holds the state to what is seen, as long as the
+# numbers are off, and makes one broad valley of many narrow ones.
+LOOSENESS = (30.0, 10.0, 3.0, 1.0)
+GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides under the loosest
+TRIES = 5  # steps of a move
+MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
+LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
+ALONG = (0.1, 0.05, 0.02, 0.01)  # the same, of the combination that the samples see least
+PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
+
+
+@dataclass(frozen=True)
+class Hypothesis(Foretold):
+    """A model with one backlash between two masses as its last effect, its contact's damping free, and
+    the noise."""
+
+    @classmethod
+    def of(cls, model: Model, gap: float, options: Mapping[str, Any], noise: Noise) -> Hypothesis:
+        spec = EffectSpec("backlash", {"gap": float(gap)}, options)
+        return cls(replace(model, effects=(*model.effects, spec)), noise)
+
+    @property
+    def steps(self) -> Array:
+        """Differences for derivatives: larger than what the moment of a contact jumps by."""
+        steps = np.array([self._step(c) for c in self.model.coordinates])
+        steps[self.gap_at] = 0.01 * max(self.theta[self.gap_at], 1e-5 * self.model.base.travel)
+        return steps
+
+    def _step(self, c: Coordinate) -> float:
+        if c.log:
+            return CONTACT_STEP if c.effect >= 0 else LOG_STEP
+        return (COMPANY_STEP if c.kind == "effect" else 0.2) * c.scale
+
+    @property
+    def gap_at(self) -> int:
+        return [c.name for c in self.model.coordinates].index("gap")
+
+    @property
+    def masses(self) -> list[int]:
+        return [
+            k for k, c in enumerate(self.model.coordinates) if c.key[:2] == ("correction", "mass")
+        ]
+
+    def predict(self, trials: Sequence[Trial]) -> tuple[Array, Array] | None:
+        """(scaled innovations, logarithms of their scales) of all recordings; None: no such plant."""
+        try:
+            switching = Switching.of(self.model)
+        except InputError:
+            return None
+        if switching is None:
+            return None
+        others = self.model.effects[:-1]
+        seen = [without(trial, others) if others else trial for trial in trials]
+        pairs = [switching.predict(trial, self.noise) for trial in seen]
+        e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        white = e / s
+        return (white, np.log(s)) if np.all(np.isfinite(white)) else None
+
+
+def start(
+    scene: Scene, model: Model, levels: Sequence[float] = LOOSENESS, most: int = GRIDS
+) -> tuple[Hypothesis | None, Sequence[float]]:
+    """The best gap, and mass ratio or load, of a grid, with the levels from the one that showed it; of
+    the first `most`. None where the plant is neither rigid nor two masses on a spring, or no gap of
+    the grid foretells better than none."""
+    trials = _short(scene, GLANCE)
+    forms, travel = _forms(model), model.base.travel
+    for k in range(most if forms else 0):
+        noise = _loose(scene.noise, levels[k])
+        none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
+        found = []
+        for form in forms[1:]:
+            tried = [Hypothesis.of(model, g * travel, form, noise) for g in GAPS]
+            found.append(max(((h.worth(trials), h) for h in tried), key=lambda pair: pair[0]))
+        found.sort(key=lambda pair: -pair[0])
+        if found[0][0] > none + PROMISES:
+            if len(model.base.simulator.mechanics.modes) == 2:
+                return found[0][1], levels[k:]
+            moved = [_moved(h, trials) for _, h in found[:STARTS]]
+            return max(moved, key=lambda h: h.worth(trials)), levels[k:]
+    return None, levels
+
+
+def closed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """The same without a gap, all else fitted again: in contact throughout, or as the plant file has it."""
+    model = replace(found.model, effects=found.model.effects[:-1])
+    none, tried = NONE * model.base.travel, []
+    for form in (found.model.effects[-1].options, _forms(model)[0]):
+        bare = Hypothesis.of(model, none, form, found.noise)
+        tried.append(refitted(bare, trials, fixed=(bare.gap_at,)))
+    return max(tried, key=lambda h: h.worth(trials))
+
+
+def _forms(model: Model) -> list[dict[str, Any]]:
+    """Options of the backlash: first those of no play, as the plant file has the plant, then the
+    forms that are tried. A rigid plant has a part of its mass behind the gap."""
+    modes = model.base.simulator.mechanics.modes
+    if len(modes) == 2:
+        ratios = RATIOS if modes[1].sign < 0 else (None,)
+        own = modes[1].damping / (2.0 * np.sqrt(modes[1].stiffness))
+        tried = [{"kind": "coupling", "damping": CONTACT, "mass_ratio": r} for r in ratios]
+        forms = [{**tried[0], "damping": own}, *tried]
+        return [{k: v for k, v in form.items() if v is not None} for form in forms]
+    if len(modes) != 1 or model.base.is_process or modes[0].stiffness > BOUND**2:
+        return []
+    shared = {"kind": "load", "damping": STICKY}
+    tried = [
+        {**shared, "measured": "motor", "load_fraction": share, "frequency": frequency}
+        for share in SHARES for frequency in FREQUENCIES
+    ]  # fmt: skip
+    tried += [
+        {**form, "measured": "load"} for form in tried if form["frequency"] == FREQUENCIES[-1]
+    ]
+    return [{**tried[0], "load_fraction": LEAST_SHARE}, *tried]
+
+
+def _loose(noise: Noise, factor: float) -> Noise:
+    return replace(noise, force=factor * noise.force, force_coloured=factor * noise.force_coloured)
+
+
+def _short(scene: Scene, samples: int) -> list[Trial]:
+    each = samples // len(scene.trials)
+    return [trial.head(min(each, len(trial))) for trial in scene.trials]
+
+
+def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS) -> Hypothesis:
+    """Numbers fitted under less and less force noise beyond the scene's, the best of them."""
+    trials = _short(scene, LOOK)
+    best, most, last = begun, -np.inf, begun
+    for loose in levels:
+        noise = _loose(scene.noise, loose)
+        last = _moved(refitted(replace(last, noise=noise), trials), trials)
+        value = last.worth(scene.trials)
+        if value > most:
+            best, most = last, value
+    best = _moved(refitted(best, scene.trials), scene.trials, LAST, mass=True)
+    best = _moved_along(refitted(best, scene.trials), scene.trials)
+    return refitted(best, scene.trials)
+
+
+def _moved(
+    point: Hypothesis,
+    trials: Sequence[Trial],
+    sizes: Sequence[float] = MOVES,
+    *,
+    mass: bool = False,
+) -> Hypothesis:
+    """Gap and what else the effects have, and the mass, moved one by one as long as it helps: where the
+    load is out of sight within the gap, the moments of contact jump with every number, and
+    derivatives say little."""
+    worth = point.worth(trials)
+    coordinates = point.model.coordinates
+    own = [k for k, c in enumerate(coordinates) if c.kind != "correction"]
+    for size in sizes:
+        for k in [*(point.masses if mass else ()), *own]:
+            way = np.zeros(len(coordinates))
+            way[k] = size * _units(point)[k]
+            point, worth = _walked(point, worth, way, trials)
+    return point
+
+
+def _moved_along(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """The combination of the effects' numbers that the samples see least, moved as long as it helps:
+    gap and mass ratio go up together and what is seen is the same, gap/(1 + ratio); one by one no
+    step along that valley helps."""
+    worth = point.worth(trials)
+    own = [k for k, c in enumerate(point.model.coordinates) if c.kind != "correction"]
+    doubts = np.array([c.doubt for c in point.model.coordinates])
+    for size in ALONG:
+        found = point.predict(trials)
+        if found is None:
+            return point
+        columns, units = point.columns(trials, found[0]), _units(point)
+        table = (np.vstack([columns, np.diag(1.0 / doubts)]) * units)[:, own]
+        way = np.zeros(len(units))
+        way[own] = size * units[own] * np.linalg.svd(table, full_matrices=False)[2][-1]
+        point, worth = _walked(point, worth, way, trials)
+    return point
+
+
+def _units(point: Hypothesis) -> Array:
+    """By what a move is measured: the gap itself, a unit of logarithms and of the mass, else a scale."""
+    units = [1.0 if c.log else c.scale for c in point.model.coordinates]
+    for k in point.masses:
+        units[k] = 1.0
+    units[point.gap_at] = point.theta[point.gap_at]
+    return np.array(units)
+
+
+def _walked(
+    point: Hypothesis, worth: float, way: Array, trials: Sequence[Trial]
+) -> tuple[Hypothesis, float]:
+    """(the point, its worth) after steps of `way`, forth or back, as many as help."""
+    for sign in (1.0, -1.0):
+        for _ in range(TRIES):
+            tried = point.at(point.theta + sign * way)
+            value = tried.worth(trials)
+            if not value > worth:
+                break
+            point, worth = tried, value
+    return point, worth

@@ -1,0 +1,173 @@
+"""Backlash where the loop rattles, named by prediction instead of free-running simulation.
+
+The contest judges by free runs. Around a coupling with play two free runs of one machine part (see
+`switching`), so there the right answer with the right numbers leaves as much as none at all. Here
+the play is fitted to what the switching filter leaves from sample to sample, the linear model's
+corrections, mass ratio and contact damping beside it, and its likelihood stands against that of what
+the contest came to: both are log p(y | r) of the same samples. Effects of the drive and of the scale that
+the contest named are taken out of the recordings, their numbers free like the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import SHARE, Judged
+from ffl.diagnose.contest.line import SURE
+from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import KEEP
+from ffl.diagnose.hypothesis.amounts import NAMES, claims, effect_values, sizes
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import Place, places_of
+from ffl.diagnose.maps.freeform import free_form
+from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.noise.unrest import without_unrest
+from ffl.diagnose.predict.company import separable
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.play import GRIDS, LOOSENESS, Hypothesis, closed, settled, start
+from ffl.diagnose.recorded.trials import Trial
+from ffl.systems.plant import EffectSpec
+
+QUIET = 2  # levels spared where what is left is no louder than stated noise
+CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
+UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
+BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is left
+
+
+def with_rattling(
+    scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
+) -> Outcome:
+    """`outcome`, or, where a play in the coupling foretells fitted and held-out recordings clearly
+    better than all that the contest named, that play with what the contest named of the drive and the
+    scale; `told`: the model with no effect, `prior`: noise as the plant file states it."""
+    if held is None or told.acting:
+        return outcome
+    if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
+        return outcome
+    scene = replace(scene, noise=partly_coloured(prior))  # the contest's noise holds the rattle
+    standing = outcome.standing
+    left = scene.residuals(standing.model)
+    loud = left is None or np.mean(replace(scene, noise=prior).whiten(left) ** 2) > UNEXPLAINED
+    rigid = len(told.base.simulator.mechanics.modes) == 1
+    if not loud and (standing.model.effects or rigid):
+        return outcome
+    if rigid and _mapped(replace(standing.scene, noise=prior), outcome.held or held, told):
+        return outcome
+    beside = tuple(spec for spec in standing.model.effects if separable(spec))
+    told = replace(told, effects=beside)
+    levels = LOOSENESS if loud else LOOSENESS[QUIET:]
+    begun, levels = start(scene, told, levels, GRIDS if loud else 1)
+    if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
+        return outcome
+    found = burdened(needed(settled(begun, scene, levels), scene.trials), scene)
+    found = crossed(found, scene)
+    fitted, factor = found.scaled(scene.trials)
+    found = replace(found, noise=found.noise.scaled(factor))
+    judged = _judged(found, scene, held, fitted)
+    if judged is None:
+        return outcome
+    before = replace(standing, held_out=_plain(standing, held))
+    ahead = judged.held_out - before.held_out
+    gains = (judged.score - before.score - ahead, ahead, *beyond_prediction(found, scene, held))
+    if min(gains) < CLEAR:
+        return outcome
+    name = (*before.model.names, "nothing")[0]
+    step = Step(before, (), (judged,), judged)
+    names = {spec.name for spec in beside}
+    kept = {k: v for k, v in outcome.contenders.items() if k in names & set(judged.model.names)}
+    contenders = {**kept, "backlash": [("backlash", judged), (name, before)]}
+    return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
+
+
+def beyond_prediction(found: Hypothesis, scene: Scene, held: Scene) -> tuple[float, float]:
+    """What the gap brings over the same company without one, fitted and held out, both foretold from sample
+    to sample: free runs of a loop that cycles part by themselves, with a play in it or not."""
+    bare = closed(found, scene.trials)
+    gains = [found.scaled(g.trials)[0] - bare.scaled(g.trials)[0] for g in (scene, held)]
+    return gains[0], gains[1]
+
+
+def needed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """Without those beside the play that foretell nothing now that it is there."""
+    for name in found.model.names[:-1]:
+        bare = replace(found, model=found.model.without(found.model.names.index(name)))
+        found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
+    return found
+
+
+def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
+    """With a constant force where it foretells clearly better: free runs that part leave it unseen, or put
+    it into the play."""
+    if "constant_load" in found.model.names:
+        return found
+    commands = np.concatenate([trial.u for trial in scene.trials])
+    held = -float(np.mean(commands)) * found.model.base.simulator.force_per_input  # what u holds up
+    tried = []
+    for place in places_of(found.model):
+        spec = EffectSpec("constant_load", {"force": held}, place.options)
+        effects = (*found.model.effects[:-1], spec, found.model.effects[-1])
+        joined = replace(found, model=replace(found.model, effects=effects))
+        tried.append(refitted(joined, scene.trials))
+    best = max(tried, key=lambda h: h.worth(scene.trials))
+    if best.worth(scene.trials) < found.worth(scene.trials) + SHARE * scene.samples:
+        return found
+    return settled(best, scene, (1.0,))
+
+
+def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:
+    """With a mass or damping beyond the contract's line as the effect it is, where it foretells best;
+    free runs of a loop that rattles would not find the way."""
+    for name in ("mass", "damping"):
+        model, fit = found.model, found.fit(scene.trials)
+        if fit is None or not claims(name, sizes(scene, model).get(name, 0.0)):
+            continue
+        if abs(model.corrections[name]) < SURE * fit.spread_of(name):
+            continue
+        corrections = {k: v for k, v in model.corrections.items() if k != name}
+        bare = replace(model, corrections=corrections, held=model.held | {name})
+        places = [Place("force", "all")] if name == "mass" else places_of(model)
+        tried = []
+        for place in places:
+            spec = EffectSpec(NAMES[name], effect_values(model, name), place.options)
+            effects = (*model.effects[:-1], spec, model.effects[-1])
+            joined = replace(found, model=replace(bare, effects=effects))
+            tried.append(joined if name == "mass" else refitted(joined, scene.trials))
+        found = max(tried, key=lambda h: h.worth(scene.trials))
+    return found
+
+
+def _mapped(scene: Scene, held: Scene, told: Model) -> bool:
+    """Free runs with a map follow the recordings nearly to the noise of `scene`: nothing rattles there. (A
+    rubber stop on a rigid stage is foretold by a play as well, sample by sample.)"""
+    calm, judging = without_unrest(scene), without_unrest(held)
+    maps = free_form(calm, judging, told)
+    if not maps or not maps[-1].parts:
+        return False
+    left = [ground.residuals(maps[-1].free) for ground in (calm, judging)]
+    return all(
+        e is not None and np.mean(ground.like(calm).whiten(e) ** 2) < UNEXPLAINED
+        for ground, e in zip((calm, judging), left, strict=True)
+    )
+
+
+def _plain(standing: Judged, scene: Scene) -> float:
+    """Log-likelihood of recordings by a free run under the noise that was found, its size left open."""
+    judged = scene.like(standing.scene)
+    residuals = judged.residuals(standing.model)
+    if residuals is None:
+        return -np.inf
+    return judged.likeliest(judged.whiten(residuals))
+
+
+def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judged | None:
+    fit, ahead = found.fit(scene.trials), found.predict(held.trials)
+    if fit is None or ahead is None:
+        return None
+    own = replace(scene, noise=found.noise)
+    loud = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
+    white = ahead[0] * max(1.0, loud / BELIEVED)
+    return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)

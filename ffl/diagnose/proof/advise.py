@@ -1,0 +1,282 @@
+"""Which experiment tells the survivors apart, or sharpens what was found: simulated before it is run.
+
+Two rival hypotheses are run through every candidate experiment (`experiments`), scaled until the
+command stays within what the recordings show. The separation is the whitened difference of their
+outputs beyond what the rival's own numbers, as uncertain as the recordings leave them, can imitate:
+
+    separation^2 = d' (I + J C J')^-1 d,    d = W (y_a - y_b),
+
+J the derivatives of W y_b by its numbers and C their covariance. It is in standard deviations of the
+noise; half its square is the log-likelihood ratio to be expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from ffl.diagnose.contest.posterior import probabilities
+from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.fit import Fit
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.maps.freemodel import FreeModel
+from ffl.diagnose.maps.unnamed import Contest
+from ffl.diagnose.noise.whitening import Whitener
+from ffl.diagnose.proof.experiments import (
+    Design,
+    Limits,
+    closed_loop_designs,
+    limits,
+    open_loop_designs,
+)
+from ffl.diagnose.recorded.trials import Trial, rest_under
+from ffl.systems.state_space import Array
+
+ENOUGH = 5.0  # standard deviations that tell two hypotheses apart
+SHRINKS = 6  # halvings of an experiment whose command leaves the range seen
+ROOM = 1.05  # of the range of the command seen
+DOUBT = 0.03  # probability of a rival from which it is worth an experiment
+SHARP = 0.05  # relative standard error above which a parameter is worth an experiment
+UNSEEN = 1e60  # spread that stands for infinite: of numbers that the data do not see at all
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A reference file's content: t (s), r (output), f (input), each (N,); why it was chosen.
+
+    `separation`: between the two `rivals`, in standard deviations of the noise; for a parameter the
+    factor by which its standard error is to fall.
+    """
+
+    text: str
+    t: Array
+    r: Array
+    f: Array
+    rivals: tuple[str, str]
+    separation: float
+    tried: tuple[tuple[str, float], ...]
+
+    @property
+    def advice(self) -> str:
+        a, b = self.rivals
+        if not b:
+            return (
+                f"to sharpen {a}: run {self.text} (experiment.csv); its standard error is expected to "
+                f"fall {self.separation:.3g}-fold"
+            )
+        if self.separation < 1.0:
+            return (
+                f"{a} or {b}: no experiment within the range seen tells them apart (the best, "
+                f"{self.text}, by {self.separation:.2g} standard deviations); go beyond it"
+            )
+        enough = "" if self.separation >= ENOUGH else f"; repeat it {self.repeats} times"
+        return (
+            f"{a} or {b}: run {self.text} (experiment.csv); the two are expected to differ by "
+            f"{self.separation:.3g} standard deviations of the noise{enough}"
+        )
+
+    @property
+    def repeats(self) -> int:
+        """Runs that make the separation sure: it grows with their root."""
+        return int(np.ceil((ENOUGH / self.separation) ** 2))
+
+
+def separate(
+    scene: Scene, one: Model | FreeModel, other: Fit, names: tuple[str, str]
+) -> Experiment | None:
+    """The experiment by which `one` and `other` differ most."""
+    found: list[tuple[float, Design, Trial]] = []
+    for design, trial in _designs(scene, other.model):
+        first, second = _runs(one, trial, design), _runs(other.model, trial, design)
+        if first is None or second is None:
+            continue
+        whiten = Whitener.of(scene.loop, scene.noise)
+        d = whiten(first - second)
+        j = whiten(_slopes(other.model, trial, design, second))
+        found.append((_beyond(d, j, other.covariance), design, trial))
+    return _best(found, names)
+
+
+def sharpen(scene: Scene, fit: Fit, index: int, name: str) -> Experiment | None:
+    """The experiment that shrinks the standard error of coordinate `index` most."""
+    found: list[tuple[float, Design, Trial]] = []
+    inner = _root(fit.covariance)
+    before = np.linalg.norm(inner[index])
+    if not before > 0:
+        return None
+    for design, trial in _designs(scene, fit.model):
+        run = _runs(fit.model, trial, design)
+        if run is None or design.heavier:
+            continue
+        j = Whitener.of(scene.loop, scene.noise)(_slopes(fit.model, trial, design, run))
+        r = np.linalg.qr(np.vstack([j @ inner, np.eye(inner.shape[1])]), "r")
+        after = np.linalg.norm(scipy.linalg.solve_triangular(r.T, inner[index], lower=True))
+        found.append((float(before / max(after, 1e-300)), design, trial))
+    return _best(found, (name, ""))
+
+
+def _best(found: Sequence[tuple[float, Design, Trial]], names: tuple[str, str]):  # type: ignore[no-untyped-def]
+    if not found:
+        return None
+    value, design, trial = max(found, key=lambda item: item[0])
+    tried = tuple((d.text, v) for v, d, _ in sorted(found, key=lambda item: -item[0]))
+    return Experiment(design.text, trial.t, trial.reference, trial.feedforward, names, value, tried)
+
+
+# --- running a design -----------------------------------------------------------------------------
+
+
+def _designs(scene: Scene, model: Model) -> Iterable[tuple[Design, Trial]]:
+    """Candidates with the trial that runs them, the command within what was seen."""
+    lim = limits(model, scene.trials)
+    step = scene.trials[0].sample_time
+    closed = scene.loop.controller is not None
+    for design in (closed_loop_designs if closed else open_loop_designs)(lim, step):
+        trial = _within(model, design, lim, step, closed)
+        if trial is not None:
+            yield design, trial
+
+
+def _within(model: Model, design: Design, lim: Limits, step: float, closed: bool) -> Trial | None:
+    """The trial of a design, slowed down (in closed loop) or made smaller until its command fits."""
+    signal = design.reference
+    for _ in range(SHRINKS):
+        trial = _trial(model, signal, lim, step, closed)
+        run = model.simulate(trial)
+        if not run.diverged and _fits(run.u, lim):
+            return trial
+        if closed and len(signal) * step < 1.5 * lim.duration:
+            n = int(1.2 * len(signal))
+            signal = np.interp(np.linspace(0, len(signal) - 1, n), np.arange(len(signal)), signal)
+        else:
+            signal = 0.7 * signal
+    return None
+
+
+def _fits(u: Array, lim: Limits) -> bool:
+    middle, half = 0.5 * sum(lim.command), 0.5 * (lim.command[1] - lim.command[0]) * ROOM
+    return bool(np.all(np.abs(u - middle) <= half))
+
+
+def _trial(model: Model, signal: Array, lim: Limits, step: float, closed: bool) -> Trial:
+    n, simulator = len(signal), model.base.simulator
+    zero = np.zeros(n)
+    if closed:
+        reference, command = lim.middle + signal, zero
+        start = simulator.at_rest(lim.middle)
+    else:
+        reference, command = zero, 0.5 * sum(lim.command) + signal
+        start = rest_under(simulator, float(command[0]), float(command[0]), lim.middle)
+    return Trial(
+        "experiment",
+        0.0,
+        step,
+        reference,
+        command,
+        None,
+        zero,
+        zero,
+        start,
+        np.zeros((0, 0)),
+        True,
+        simulator.mechanics,
+    )
+
+
+def _runs(model: Model | FreeModel, trial: Trial, design: Design) -> Array | None:
+    if isinstance(model, FreeModel):
+        found = FreeModel(_heavier(model.model, design), model.parts).simulate(trial)
+        return None if found is None else found[0].y
+    run = _heavier(model, design).simulate(trial)
+    return None if run.diverged else run.y
+
+
+def _heavier(model: Model, design: Design) -> Model:
+    if not design.heavier or "mass" not in {c.name for c in model.base.corrections}:
+        return model
+    mass = (1.0 + model.corrections.get("mass", 0.0)) + design.heavier
+    return replace(model, corrections={**model.corrections, "mass": mass - 1.0})
+
+
+def _slopes(model: Model, trial: Trial, design: Design, base: Array) -> Array:
+    """d y/d theta by one-sided differences, (N, p)."""
+    theta, columns = model.theta, []
+    for k, c in enumerate(model.coordinates):
+        step = -c.step if theta[k] + c.step > c.upper else c.step
+        moved = theta.copy()
+        moved[k] += step
+        other = _runs(model.at(moved), trial, design)
+        columns.append(np.zeros_like(base) if other is None else (other - base) / step)
+    return np.column_stack(columns) if columns else np.zeros((len(base), 0))
+
+
+def _root(covariance: Array) -> Array:
+    """A with A A' = covariance."""
+    if not len(covariance):
+        return np.zeros((0, 0))
+    spread = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-150)
+    unseen = ~(spread < UNSEEN)  # as good as free
+    spread = np.where(unseen, UNSEEN, spread)
+    covariance = np.where(np.logical_or.outer(unseen, unseen), 0.0, covariance)
+    correlation = covariance / np.outer(spread, spread) + np.diag(unseen.astype(float))
+    values, vectors = np.linalg.eigh(correlation)
+    return spread[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _beyond(d: Array, j: Array, covariance: Array) -> float:
+    """sqrt(d' (I + J C J')^-1 d), by the residual of least squares with the numbers' prior."""
+    table = j @ _root(covariance)
+    k = table.shape[1]
+    q, _ = np.linalg.qr(np.vstack([table, np.eye(k)]))
+    stacked = np.append(d, np.zeros(k))
+    return float(np.linalg.norm(stacked - q @ (q.T @ stacked)))
+
+
+# --- which one ------------------------------------------------------------------------------------
+
+
+def plan(scene: Scene, standing: Fit, outcome: Outcome, nameless: Contest) -> Experiment | None:
+    """The experiment that the answer needs most: against the rival in doubt, for a map against the
+    best name, else for the number known worst."""
+    names = standing.model.names
+    winner = nameless.winner
+    if nameless.verdict == "unnamed" and winner is not None:
+        rival = standing if names else _runner_up(outcome) or standing
+        label = " + ".join(rival.model.names) or "nothing missing"
+        return separate(scene, winner.free, rival, (f"the map of {winner.name}", label))
+    for name in names:
+        rivals = probabilities(name, outcome.contenders)
+        near = max((n for n in rivals if n != name), key=lambda n: rivals[n], default=None)
+        if near is not None and rivals[near] > DOUBT:
+            best = max((j for n, j in outcome.contenders[name] if n == near), key=lambda j: j.score)
+            return separate(scene, standing.model, best.fit, (name, near))
+    if not names:
+        rival = _runner_up(outcome)
+        if rival is None:
+            return None
+        return separate(scene, standing.model, rival, ("nothing missing", rival.model.names[-1]))
+    return _vaguest(scene, standing)
+
+
+def _runner_up(outcome: Outcome) -> Fit | None:
+    """The best hypothesis of the last round that was not believed."""
+    rivals = [r for r in outcome.steps[-1].rivals if np.isfinite(r.score)] if outcome.steps else []
+    return max(rivals, key=lambda r: r.score).fit if rivals else None
+
+
+def _vaguest(scene: Scene, standing: Fit) -> Experiment | None:
+    worst, index = SHARP, -1
+    for k, (c, spread) in enumerate(zip(standing.model.coordinates, standing.spread, strict=True)):
+        if c.kind != "effect" or c.place is not None:
+            continue
+        value = 1.0 if c.log else abs(float(standing.model.theta[k]))
+        if value > 0 and spread / value > worst and np.isfinite(spread):
+            worst, index = float(spread / value), k
+    if index < 0:
+        return None
+    c = standing.model.coordinates[index]
+    return sharpen(scene, standing, index, f"{standing.model.names[c.effect]}.{c.name}")

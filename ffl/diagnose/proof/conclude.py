@@ -1,0 +1,297 @@
+"""What a contest comes to: verdict, place, numbers, proof and advice, as one result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import scipy.stats
+from numpy.random import Generator
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.line import slight
+from ffl.diagnose.contest.posterior import probabilities
+from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.corrections import corrections
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.maps.freemodel import Running
+from ffl.diagnose.maps.picture import MapPicture, picture
+from ffl.diagnose.maps.unnamed import Contest, compare
+from ffl.diagnose.number import Number
+from ffl.diagnose.proof.advise import Experiment, plan
+from ffl.diagnose.proof.prove import prove, run_plant, with_map
+from ffl.diagnose.proof.verdict import LOUD, loudness, verdict
+from ffl.diagnose.recorded import sound, where
+from ffl.diagnose.recorded.starts import with_starts
+from ffl.diagnose.recorded.states import linear_share, states
+from ffl.diagnose.recorded.warmth import with_warmth
+from ffl.diagnose.result import Diagnosis, Finding
+from ffl.effects import EFFECTS
+from ffl.errors import InputError
+from ffl.machines.simulator import Simulation
+from ffl.systems.plant import Plant
+from ffl.systems.plant_file import plant_from_dict, plant_to_dict
+
+SHORTEST = 200  # samples: fewer cannot tell physics from noise
+# Times the held-out nrmse before: names that leave more are not said. Where no noise is stated, all that
+# is left passes for noise, and names that leave no less have shown nothing.
+WORSE = 1.2
+UNLIKE = 0.5  # nrmse of the best model above which it is another machine
+
+
+def conclude(
+    model: Plant,
+    nominal: Model,
+    before: Sequence[Simulation],
+    held: Scene,
+    standing: Judged,
+    outcome: Outcome,
+    health: sound.Soundness,
+    notes: list[str],
+    rng: Generator,
+) -> Diagnosis:
+    """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
+    recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
+    turned = replace(standing.fit, model=within_a_turn(standing.model))
+    standing = replace(standing, fit=turned)
+    if standing.predicted:  # nothing that a free run leaves says what is still missing
+        nameless = Contest("named", None, None, 0.0, 0.0, None)
+    else:
+        scene = outcome.standing.scene.like(standing.scene)
+        judging = (outcome.held or held).like(scene)
+        nameless = compare(scene, judging, nominal, standing.fit, rng)
+    maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
+    lost = nameless.lost
+    bare = maps.model if maps else lost.fit.model if lost else standing.model
+    if nameless.verdict == "unnamed" and standing.model.effects and not (maps or lost):
+        bare = nominal  # bursts alone
+    fitted = replace(bare.plant(), name=model.name)
+    running = plant_from_dict(plant_to_dict(fitted))
+    observed = held.observed
+    augmented = replace(running, controller=model.controller) if observed else running
+    after = [run_plant(running, trial) for trial in held.trials]
+    quiet = nameless.winner.scene if nameless.winner else standing.scene
+    if lost:
+        quiet = quiet.like(lost.fitted.scene)
+    held = held.like(quiet)
+    proof = prove(held, before, after, quiet, rng, running, observed)
+    if maps:
+        begun = with_starts(held, Running(maps))  # the start too was another's, who stands no more
+        proof = with_map(proof, with_warmth(begun, maps), maps)
+    effects = standing.model.effects
+    trusted = not standing.predicted and not nameless.led
+    runs = proof.nrmse_after / proof.noise_floor if trusted and proof.noise_floor > 0 else 1.0
+    said, place = verdict(model, standing, nameless, runs)
+    told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
+    if effects and not told and nameless.verdict == "named":
+        said, place = "nothing_missing", where.Place("", "", ())
+    another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
+    another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
+    noisy = WORSE if model.machine.states_noise else 1.0
+    worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
+    seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
+    if effects and worse and said != "unnamed":
+        said = "partly_explained" if seen else "inconclusive"
+        if not seen:
+            place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
+    if another:
+        said = "inconclusive"
+        place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
+    raw = quiet.residuals(nominal) or []
+    maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
+    explained = lost.fitted.scene if lost else quiet
+    left = (quiet.residuals(maps) if maps else explained.residuals(bare)) or []
+    maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
+    if said != "nothing_missing":
+        motions = [nominal.simulate(trial).motion() for trial in quiet.trials]
+        place = replace(
+            place,
+            frequency_band_hz=where.band(maps_before),
+            time_s=where.stretches(maps_before),
+            linear_share=linear_share(quiet, raw) if raw else None,
+            states=states(quiet.whiten(raw), motions) if raw else (),
+        )
+    experiment = None
+    if said != "nothing_missing" and not another and not observed:
+        with suppress(InputError):  # limits too narrow for any move or wave
+            experiment = plan(standing.scene, standing.fit, outcome, nameless)
+    findings = tuple(
+        _finding(standing, index, outcome, model, said == "explained") for index in told
+    )
+    return Diagnosis(
+        plant=model,
+        augmented=augmented,
+        verdict=said,
+        place=place,
+        findings=findings if said not in ("unnamed", "inconclusive") else (),
+        corrections=()
+        if bare is not standing.model or said == "inconclusive"
+        else corrections(standing),
+        proof=proof,
+        advice=_advice(said, place, experiment, model),
+        experiment=experiment,
+        soundness=health,
+        steps=tuple(outcome.steps),
+        judged=standing,
+        maps_before=maps_before,
+        maps_after=maps_after,
+        notes=tuple(notes),
+        nameless=nameless,
+        pictures=_pictures(nameless),
+        forces=where.forces(standing.scene, standing.model)
+        if effects and bare is standing.model
+        else None,
+    )
+
+
+def within_a_turn(model: Model) -> Model:
+    """The same machine with the phases that were found told between -pi and pi."""
+    effects = []
+    for spec in model.effects:
+        angles = {
+            name: math.remainder(value, 2.0 * math.pi)
+            for name, value in spec.parameters.items()
+            if EFFECTS[spec.name].parameter(name).unit == "rad"
+        }
+        effects.append(replace(spec, parameters={**spec.parameters, **angles}))
+    other = replace(model, effects=tuple(effects))
+    object.__setattr__(other, "substeps", model.substeps)
+    return other
+
+
+def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
+    winner = nameless.winner
+    if winner is None:
+        return ()
+    said = dict(enumerate(nameless.formulas))
+    drawn = [
+        picture(winner.scene, winner.free, k, said.get(k)) for k in range(len(winner.free.parts))
+    ]
+    return tuple(p for p in drawn if p is not None)
+
+
+def _finding(
+    standing: Judged, index: int, outcome: Outcome, plant: Plant, complete: bool
+) -> Finding:
+    spec = standing.model.effects[index]
+    effect = EFFECTS[spec.name]
+    spreads = dict(zip(standing.model.coordinates, standing.spread, strict=True))
+    numbers = {}
+    for name, value in spec.parameters.items():
+        parameter = effect.parameter(name)
+        unit, error = parameter.unit_in(plant), None
+        for c, spread in spreads.items():
+            own = c.kind == "effect" and c.effect == index and c.name == name and c.place is None
+            if own and not parameter.stepped:
+                error = float(spread * value if c.log else spread)
+        numbers[name] = Number(value, unit, error)
+    shares = probabilities(spec.name, outcome.contenders, complete)
+    own = shares.pop(spec.name)
+    others = sorted(shares.items(), key=lambda item: -item[1])
+    return Finding(
+        spec.name,
+        effect.component,
+        numbers,
+        spec.options,
+        own,
+        _p_value(spec.name, outcome.steps),
+        effect.says(effect.check(spec), plant),
+        tuple((name, p) for name, p in others if p > 1e-3)[:4],
+    )
+
+
+def _round_of(name: str, steps: list[Step]) -> Step | None:
+    for step in steps:
+        if name in step.joined:
+            return step
+    return None
+
+
+def _p_value(name: str, steps: list[Step]) -> float | None:
+    """Likelihood ratio of the fitted recordings, for the free numbers it added."""
+    step = _round_of(name, steps)
+    if step is None or step.accepted is None:
+        return None
+    ratio = 2.0 * (step.accepted.fitted - step.before.fitted)
+    freedom = max(1, step.accepted.freedom - step.before.freedom)
+    return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
+
+
+def _other_model(model: Plant) -> str:
+    """What to try where the model is unlike the machine; not once more what it came from."""
+    if not model.is_identified:
+        return "identify a linear model of this machine first: ffl identify linear"
+    return (
+        "the model was identified from a recording that its form does not fit, feedback or strong "
+        'physics in it: state what is known instead (mass or inertia as form = "czpk", and the '
+        "[controller]), or identify from small motion, or without the controller"
+    )
+
+
+def _advice(
+    said: str, place: where.Place, experiment: Experiment | None, model: Plant
+) -> tuple[str, ...]:
+    if said == "inconclusive" and "unlike" in place.where:
+        return (_other_model(model),)
+    if said == "inconclusive" and "hold" in place.where:
+        begin = "record one wave at half and at full size: what does not scale is the physics"
+        if not model.is_identified:
+            begin = "begin with ffl identify linear"
+        return (f"fit and judge by recordings over the same range, or {begin}",)
+    out = [] if experiment is None else [experiment.advice]
+    if said == "inconclusive":
+        out.append(
+            "what is left is louder than the noise that the plant file states, and nothing of the "
+            "catalogue explains it: record standstill for the noise, and slow moves with reversals"
+        )
+    if said == "unnamed" and experiment is None:
+        out.append(
+            "record the same move twice: what comes back is the machine, what does not is not"
+        )
+    return tuple(out)
+
+
+def _ended(model: Plant, health: sound.Soundness, where_: str, component: str, advice: str):  # type: ignore[no-untyped-def]
+    return Diagnosis(
+        plant=model,
+        augmented=model,
+        verdict="inconclusive",
+        place=where.Place(component, where_, ()),
+        findings=(),
+        corrections=(),
+        proof=None,
+        advice=(advice,),
+        soundness=health,
+        steps=(),
+        judged=None,
+    )
+
+
+def faulty(model: Plant, health: sound.Soundness) -> Diagnosis:
+    fault = health.faults[0]
+    component = {"controller": "controller", "shift": "timing"}.get(fault.kind, "sensor")
+    return _ended(
+        model,
+        health,
+        f"{fault.recording}: {fault.where}",
+        component,
+        f"{fault.where}: {fault.mend}",
+    )
+
+
+def too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
+    return _ended(
+        model, health, "the length of the recording", "environment",
+        f"{samples} samples cannot tell physics from noise: record at least {SHORTEST}, some seconds "
+        "of motion with reversals",
+    )  # fmt: skip
+
+
+def unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:
+    return _ended(
+        model, health, why, "plant", _other_model(model)
+    )  # fmt: skip

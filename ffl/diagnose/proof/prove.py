@@ -1,0 +1,172 @@
+"""The proof: free-running simulation of held-out recordings, before and after, beside the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.maps.freemodel import FreeModel
+from ffl.diagnose.noise.imitate import Imitation, imitated
+from ffl.diagnose.noise.noise import Paths
+from ffl.diagnose.recorded.trials import Trial, start_of
+from ffl.machines.simulator import Simulation, Simulator
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+LOUDER = 2.0  # times all that is left: an estimate of noise beyond it has taken physics for noise
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """One held-out recording: measured, and simulated before and after."""
+
+    name: str
+    t: Array
+    y: Array
+    u: Array
+    y_before: Array
+    u_before: Array
+    y_after: Array
+    u_after: Array
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Held-out figures; `interval`: 95 % of nrmse_after - nrmse_before by paired block bootstrap."""
+
+    recordings: tuple[str, ...]
+    nrmse_before: float
+    nrmse_after: float
+    noise_floor: float
+    u_nrmse_before: float | None
+    u_nrmse_after: float | None
+    u_noise_floor: float | None
+    interval: tuple[float, float]
+    overlays: tuple[Overlay, ...]
+    nrmse_with_map: float | None = None  # of the map that has no name, where that is the answer
+
+
+def nrmse(measured: Sequence[Array], simulated: Sequence[Array]) -> float:
+    """RMS(y - yhat)/RMS(y - mean(y)) over all recordings together."""
+    top = sum(float(np.sum((a - b) ** 2)) for a, b in zip(measured, simulated, strict=True))
+    bottom = sum(float(np.sum((a - a.mean()) ** 2)) for a in measured)
+    return float(np.sqrt(top / bottom)) if bottom > 0 else float("inf")
+
+
+def run_plant(plant: Plant, trial: Trial) -> Simulation:
+    """The plant file's plant, effects included, from the recording's own start."""
+    simulator = Simulator(plant)
+    return simulator.run(
+        plant.effects,
+        trial.reference,
+        trial.feedforward,
+        force=trial.load,
+        start=start_of(simulator, plant.effects, trial),
+        start_time=trial.start_time,
+        before=trial.before,
+        travel=trial.travel,
+    )
+
+
+def with_map(proof: Proof, held: Scene, maps: FreeModel) -> Proof:
+    """The proof with maps beside the model as what is drawn after; unchanged where they run away."""
+    runs = [maps.simulate(trial) for trial in held.trials]
+    if any(run is None for run in runs):
+        return proof
+    after = [run[0] for run in runs if run]
+    overlays = tuple(
+        replace(o, y_after=run.y, u_after=run.u)
+        for o, run in zip(proof.overlays, after, strict=True)
+    )
+    error = nrmse([t.y for t in held.trials], [run.y for run in after])
+    return replace(proof, overlays=overlays, nrmse_with_map=error)
+
+
+def prove(
+    held: Scene,
+    before: Sequence[Simulation],
+    after: Sequence[Simulation],
+    judged: Scene,
+    rng: Generator,
+    plant: Plant,
+    observed: bool = False,
+) -> Proof:
+    """`before`: runs of the plant as stated, `after`: runs of the augmented `plant` as its file gives
+    them, one per held-out recording. The noise floor is what noise as `judged` sees it leaves: on a
+    plant with effects by runs with noise drawn, on a linear one by its transfer functions.
+    `observed`: the controller is an observer's, so u is none of its business."""
+    trials = held.trials
+    y = [t.y for t in trials]
+    u = [t.u for t in trials]
+    paths = _paths(held)
+    density = judged.noise.density(paths)
+    variance = float(np.mean(density))
+    alike: list[Imitation] = []
+    if plant.effects and not observed and not held.plain:
+        alike = imitated(plant, trials, judged.noise, rng)
+    if alike:
+        variance = _mean_square(one.y for one in alike)
+    samples = sum(len(t) for t in trials)
+    scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in y) / samples))
+    controlled = held.loop.controller is not None and not observed
+    u_floor = None
+    u_before = u_after = None
+    if controlled and all(np.all(np.isfinite(a)) for a in u):
+        u_before = nrmse(u, [s.u for s in before])
+        u_after = nrmse(u, [s.u for s in after])
+        c = np.abs(held.loop.controller.output.response(paths.frequencies)) ** 2
+        u_scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in u) / samples))
+        u_variance = _mean_square(one.u for one in alike) if alike else float(np.mean(c * density))
+        u_floor = float(np.sqrt(u_variance)) / u_scale if u_scale > 0 else None
+    overlays = tuple(
+        Overlay(t.name, t.t, t.y, t.u, a.y, a.u, b.y, b.u)
+        for t, a, b in zip(trials, before, after, strict=True)
+    )
+    errors = [(t.y - a.y, t.y - b.y) for t, a, b in zip(trials, before, after, strict=True)]
+    floor = float(np.sqrt(variance)) / scale if scale > 0 else 0.0
+    left = nrmse(y, [s.y for s in after])
+    return Proof(
+        tuple(t.name for t in trials),
+        nrmse(y, [s.y for s in before]),
+        left,
+        floor if floor < LOUDER * left else left,
+        u_before,
+        u_after,
+        u_floor,
+        _interval(errors, scale, rng),
+        overlays,
+    )
+
+
+def _mean_square(draws: Iterable[list[Array]]) -> float:
+    every = np.concatenate([e for one in draws for e in one])
+    return float(np.mean(every**2))
+
+
+def _paths(scene: Scene) -> Paths:
+    n = 4096
+    frequencies = (np.arange(n) + 0.5) / n * 0.5 / scene.loop.system.sample_time
+    return Paths.of(scene.loop, frequencies)
+
+
+def _interval(
+    errors: Sequence[tuple[Array, Array]], scale: float, rng: Generator, draws: int = 400
+) -> tuple[float, float]:
+    """Blocks of a twentieth of a recording, drawn with replacement, the same for both models."""
+    before, after = [], []
+    for a, b in errors:
+        n = max(1, len(a) // 20)
+        m = len(a) // n
+        before.append((a[: m * n] ** 2).reshape(m, n).mean(axis=1))
+        after.append((b[: m * n] ** 2).reshape(m, n).mean(axis=1))
+    first, second = np.concatenate(before), np.concatenate(after)
+    if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
+        return (float("-inf"), float("inf"))
+    index = rng.integers(len(first), size=(draws, len(first)))
+    change = np.sqrt(second[index].mean(axis=1)) - np.sqrt(first[index].mean(axis=1))
+    low, high = np.quantile(change, [0.025, 0.975]) / scale
+    return float(low), float(high)

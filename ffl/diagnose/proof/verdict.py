@@ -1,0 +1,140 @@
+"""What it comes to: explained, partly explained, unnamed, nothing missing or inconclusive, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import Judged, effective
+from ffl.diagnose.maps.freeform import FreeForm
+from ffl.diagnose.maps.unnamed import Contest, component_of
+from ffl.diagnose.noise.noise import Noise, Paths
+from ffl.diagnose.recorded import where
+from ffl.diagnose.recorded.states import goes_with, states
+from ffl.effects import EFFECTS
+from ffl.systems.plant import Plant
+
+LOUD = 3.0  # times the stated noise: louder than an engineer can have been mistaken
+WHITE = 0.25  # of the samples independent: a residual with fewer is structure, not noise
+BENT = 0.3  # of a mass, gain or stiffness: an engineer's is known to some per cent
+# Mean square of the whitened held-out residual above which structure remains; below its reciprocal too:
+# what the fitted recordings were left with is louder where they are louder, and so no noise.
+STRUCTURED = 1.5
+# Times what noise alone leaves of held-out free runs, from which they say that structure remains, however
+# white it is: a sensor with a bent scale explained as a gain by position left 3.9 times that.
+BEYOND = 2.5
+
+
+def verdict(
+    plant: Plant, standing: Judged, contest: Contest, excess: float = 1.0
+) -> tuple[str, where.Place]:
+    """The answer's verdict and place; `plant` as its file states it; `excess`: error of held-out free runs
+    over what noise alone leaves of them."""
+    if contest.verdict == "unnamed":
+        return "unnamed", _nameless(contest)
+    effects = standing.model.effects
+    if effects:
+        chi2 = float(np.mean(standing.held_white**2)) if len(standing.held_white) else 1.0
+        names = [EFFECTS[e.name] for e in effects]
+        depends = dict.fromkeys(d for e in names for d in e.depends_on)
+        said = where.phrase(names[0].depends_on)
+        short = coloured(standing) or bent(standing) or loudness(plant, standing) > LOUD
+        short = short or chi2 < 1.0 / STRUCTURED or excess > BEYOND
+        if contest.verdict == "named" and short:
+            return "partly_explained", _left(standing, names[0].component, said, depends)
+        if contest.verdict == "named":
+            place = where.Place(names[0].component, said, tuple(depends))
+            return ("explained" if chi2 < STRUCTURED else "partly_explained"), place
+        rest = _nameless(contest)
+        depends |= dict.fromkeys(rest.depends_on)
+        return "partly_explained", where.Place(
+            names[0].component, f"{said}; what is left: {rest.where}", tuple(depends),
+            port=rest.port, formula=rest.formula, ports=rest.ports,
+        )  # fmt: skip
+    excess = loudness(plant, standing)
+    if excess > LOUD:
+        return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
+    return "nothing_missing", where.Place("", "", ())
+
+
+def coloured(standing: Judged) -> bool:
+    """Taken as white noise at the output for want of a better one, and far from white: whatever it is,
+    it is no noise."""
+    white = standing.fit.white
+    return standing.scene.plain and effective(white) < WHITE * len(white)
+
+
+def bent(standing: Judged) -> bool:
+    """Mass, gain or stiffness further off than a model of this machine can be: bent to stand in for
+    physics that has no name yet."""
+    if standing.model.base.is_process:
+        return False  # a gain and lags are corrections at any size
+    numbers = standing.model.corrections
+    return any(abs(numbers.get(name, 0.0)) > BENT for name in ("mass", "gain", "stiffness"))
+
+
+def _left(standing: Judged, component: str, said: str, depends: dict[str, None]) -> where.Place:
+    """The place of what was named, with the variables that go with what it leaves."""
+    motions = [standing.model.follow(trial).motion() for trial in standing.scene.trials]
+    left = goes_with(states(standing.fit.white, motions))
+    return where.Place(
+        component,
+        f"{said}; what is left: {where.phrase(left)}",
+        tuple(depends | dict.fromkeys(left)),
+    )
+
+
+def _nameless(contest: Contest) -> where.Place:
+    winner = contest.winner
+    if contest.lost is not None:
+        search = contest.lost.fitted
+        said = f"{search.lost} of {search.scene.samples} samples, as far as they can be told"
+        return where.Place(
+            "timing",
+            f"commands that did not arrive, the drive keeping the one before: at {said}",
+            contest.variables, port="beside the command",
+        )  # fmt: skip
+    if winner is None:
+        assert contest.events is not None
+        return where.Place(
+            "environment",
+            f"bursts, {len(contest.events.stretches)} of them in one recording, that nothing tried "
+            "explains",
+            contest.variables,
+        )
+    place = winner.parts[0].place
+    said = f"{place.words}: {where.phrase(contest.mapped)}"
+    for part in winner.alike:
+        said += f", or as well {part.place.words}: {where.phrase(part.term.variables)}"
+    if contest.led:
+        said += ", along the motion as measured; two runs of this machine part, and so do free runs"
+    if contest.bursts_remain:
+        said += "; and bursts, at times of their own, that it does not explain"
+    return where.Place(
+        component_of(winner.parts), said,
+        contest.variables, port=place.words,
+        formula="; ".join(f.text for f in contest.formulas), ports=_ports(winner),
+    )  # fmt: skip
+
+
+def _ports(winner: FreeForm) -> tuple[tuple[str, float], ...]:
+    """Every port with the log-evidence of the best map there, over none."""
+    best: dict[str, float] = {}
+    for r in winner.ranking:
+        best[r.port] = max(best.get(r.port, -np.inf), r.evidence)
+    return tuple(sorted(best.items(), key=lambda item: -item[1]))
+
+
+def loudness(plant: Plant, standing: Judged) -> float:
+    """RMS of what is left over what the plant file's own noise would leave at most, were all of its
+    force noise slow; 0 where the file states no noise."""
+    m = plant.machine
+    if not m.states_noise:
+        return 0.0
+    loop = standing.scene.loop
+    n = 2048
+    frequencies = (np.arange(n) + 0.5) / n * 0.5 / plant.sample_time
+    paths = Paths.of(loop, frequencies)
+    sensor = float(np.hypot(m.sensor_noise, m.encoder_resolution / np.sqrt(12.0)))
+    stated = Noise(sensor, 0.0, sensor, 30.0, m.force_noise, 5.0).density(paths)
+    left = standing.scene.noise.density(paths)
+    return float(np.sqrt(np.mean(left) / np.mean(stated)))

@@ -1,0 +1,399 @@
+"""Recordings made ready: what drove the loop, what came out, and the state it started from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffl.diagnose.hypothesis.linear import carried, discrete
+from ffl.diagnose.recorded.resting import springs_back, winds, wound
+from ffl.effects import EFFECTS, Mechanics
+from ffl.effects.modal import is_speed
+from ffl.errors import InputError
+from ffl.machines.simulator import Simulator
+from ffl.recordings import Recording
+from ffl.systems.loop import Controller
+from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
+
+SPAN = 0.01  # s over which speed is read from y
+HOLD = 1000  # most samples over which the place of a machine at rest is read
+TURN = 1e-3  # of the range of y: a way back that is a turning point
+MOVING = 0.1  # of the largest speed: in motion at the first sample
+SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One recording: `reference`, `feedforward` and `load` (beside the command, input units) drive
+    the simulated loop; `y`, `u` are measured. `start` is the loop's state at the first sample (as
+    `Simulator.run` takes it) and `doubt` its covariance over the states of the linear loop, both in
+    the states of `mechanics`.
+    """
+
+    name: str
+    start_time: float
+    sample_time: float
+    reference: Array
+    feedforward: Array
+    load: Array | None
+    y: Array
+    u: Array
+    start: Array
+    doubt: Array
+    at_rest: bool
+    mechanics: Mechanics
+    travel: float = 0.0  # in one direction until the first sample, as near as it is known
+    loaded: bool = False  # at rest with its springs wound up by what pulls and holds it
+    adrift: tuple[Array, Array] | None = None  # start and doubt, were rest motion or the reverse
+    off: bool = False  # the drive was off until the first sample
+    held: float | None = None  # command until the first sample, where it was found
+    unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
+    warm: float = 0.0  # squared command that had warmed the machine before (see `warmth`)
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def drive(self) -> tuple[object, ...]:
+        """What a simulation takes of it, signals and states by identity: the same for trials that differ
+        in what their samples count for."""
+        arrays = self.reference, self.feedforward, self.load, self.u, self.start, self.mechanics
+        start = self.start_time, self.travel, self.loaded, self.at_rest, self.off
+        return (*map(id, arrays), *start)
+
+    @property
+    def before(self) -> float:
+        """The command held until the first sample, as near as it is known: the first one, input
+        units; none where the drive was off. A machine that holds a spring has had it for long."""
+        known = 0.0 if self.off else self.held
+        return self._driven(1) if known is None else known
+
+    @property
+    def holding(self) -> float:
+        """The same in the mean over the first samples: noise left out."""
+        return self._driven(max(8, min(40, len(self) // 50)))
+
+    def _driven(self, rows: int) -> float:
+        command = self.u if np.isfinite(self.u[0]) else self.feedforward
+        load = 0.0 if self.load is None else self.load[:rows]
+        return float(np.mean(command[:rows] + load))
+
+    def head(self, rows: int) -> Trial:
+        """The first `rows` samples."""
+        parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}
+        for name in ("load", "unrest"):
+            whole = getattr(self, name)
+            parts[name] = None if whole is None else whole[:rows]
+        return replace(self, **parts)
+
+    def weighed(self, white: Array) -> Array:
+        """`white`, (n,) or (n, k), the whitened first n samples, by what each counts for."""
+        if self.unrest is None:
+            return white
+        rows = self.unrest[: len(white)]
+        return white / (rows if white.ndim == 1 else rows[:, None])
+
+    def held_before(self, rows: int) -> Trial:
+        """The recording with `rows` samples before it in which nothing changes yet."""
+
+        def longer(x: Array | None) -> Array | None:
+            return None if x is None else np.concatenate([np.full(rows, x[0]), x])
+
+        parts = {
+            k: longer(getattr(self, k)) for k in ("reference", "feedforward", "load", "y", "u")
+        }
+        begun = self.start_time - rows * self.sample_time
+        return replace(self, **parts, start_time=begun, unrest=None)
+
+    @property
+    def t(self) -> Array:
+        return self.start_time + self.sample_time * np.arange(len(self.y))
+
+
+def stretches(recordings: Sequence[Recording], most: int, pieces: int = 4) -> list[Recording]:
+    """The recordings themselves, or, where they hold more than `most` samples together, evenly
+    spread stretches of half as many: a contest of a hundred fits needs no more to name physics."""
+    total = sum(len(r) for r in recordings)
+    if total <= most:
+        return list(recordings)
+    out = []
+    for r in recordings:
+        length = max(len(r) * most // (2 * total * pieces), min(len(r) // pieces, 1000))
+        for k in range(pieces):
+            start = k * (len(r) - length) // (pieces - 1)
+            start = in_motion(r, start, length // 8) if k else 0
+            out.append(r[start : start + length])
+    return out
+
+
+def blocks(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """About the first 70 % of every recording, and the rest."""
+    cuts = [in_motion(r, int(0.7 * len(r)), len(r) // 20) for r in recordings]
+    pairs = list(zip(recordings, cuts, strict=True))
+    return [r[:cut] for r, cut in pairs], [r[cut:] for r, cut in pairs]
+
+
+def in_motion(recording: Recording, sample: int, reach: int) -> int:
+    """Where within `reach` of `sample` y changes fastest: what holds a machine at standstill, or just
+    let it go, is not known at a cut; in motion friction is on one side."""
+    span = max(1, min(reach // 4, round(SPAN / recording.sample_time)))
+    low, high = max(span, sample - reach), min(len(recording) - span, sample + reach + 1)
+    if high - low < 2:
+        return sample
+    y = recording.y
+    speed = np.abs(y[low + span : high + span] - y[low - span : high - span])
+    return low + int(np.argmax(speed))
+
+
+def commanded(plant: Plant, recording: Recording) -> Recording:
+    """The recording with u = f + C_r r - C_y y where it was not measured, the controller is known and
+    the start is at rest, so that the controller's state there is no secret."""
+    unknown = not np.all(np.isfinite(recording.u))
+    if plant.controller is None or not unknown or not starts_at_rest(recording):
+        return recording
+    return recording.with_command(feedback_of(plant.controller, recording)[1])
+
+
+def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Array]:
+    """(states at the start, u_fb) of the controller fed with the recorded r and y.
+
+    The states are those that explain u - f best over the first samples: exact where the controller
+    is the one that ran, since u_fb = C_r r - C_y y leaves nothing else free.
+    """
+    system = controller.state_space
+    inputs = np.column_stack([recording.r, recording.y])
+    forced = np.atleast_1d(system.filter(inputs))
+    n = system.order
+    if not n or not np.all(np.isfinite(recording.u)):
+        return np.zeros(n), forced
+    rows = min(len(recording), max(20 * n, 200))
+    free = np.empty((rows, n))
+    state = np.eye(n)
+    for k in range(rows):
+        free[k] = system.c[0] @ state
+        state = system.a @ state
+    wanted = (recording.u - recording.f - forced)[:rows]
+    scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+    states = np.linalg.lstsq(free / scale, wanted, rcond=1e-12)[0] / scale
+    return states, np.atleast_1d(system.filter(inputs, states))
+
+
+def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple[Array, Array]:
+    """(state, covariance) of the plant at the first sample from a short piece of u and y.
+
+    Least squares on the plant's free response and on that to a constant force beside u of up to half
+    its size: the friction or load that the model lacks would else be taken for motion at the start.
+    """
+    system = discrete(simulator.mechanics)
+    n = system.order
+    rows = min(len(y), max(10 * n, 60))
+    free = np.empty((rows, n + 1))
+    state = np.eye(n)
+    for k in range(rows):
+        free[k, :n] = system.c[0] @ state
+        state = system.a @ state
+    free[:, n] = system.filter(np.ones(rows))
+    wanted = y[:rows] - np.atleast_1d(system.filter(u[:rows])) - _beside(simulator, u[:rows])
+    prior = np.zeros(n + 1)
+    prior[n] = noise / max(0.5 * float(np.sqrt(np.mean(u**2))), 1e-300)
+    table, wanted = np.vstack([free, prior]), np.append(wanted, 0.0)
+    scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    left, values, right = np.linalg.svd(table / scale, full_matrices=False)
+    kept = values > 1e-7 * values[0]
+    estimate = right[kept].T @ ((left[:, kept].T @ wanted) / values[kept]) / scale
+    spread = (right[kept].T / values[kept]) / scale[:, None]
+    level = max(noise, float(np.std(wanted - table @ estimate)))
+    return estimate[:n], (spread @ spread.T * level**2)[:n, :n]
+
+
+def _beside(simulator: Simulator, u: Array) -> Array | float:
+    """What the effects that the plant file states add to y, from rest at 0."""
+    plant = simulator.plant
+    if not plant.effects:
+        return 0.0
+    alone = Simulator(plant, open_loop=True)
+    return alone.run(plant.effects, feedforward=u).y - alone.run((), feedforward=u).y
+
+
+def starts_at_rest(recording: Recording) -> bool:
+    """The reference (the command in open loop) holds still at first, and so does y."""
+    rows = max(8, min(40, len(recording) // 50))
+    drive = recording.f if recording.is_open_loop else recording.r
+    scale = np.ptp(drive)
+    if np.ptp(drive[:rows]) > 1e-6 * max(scale, 1e-300):
+        return False
+    force = recording.u if np.all(np.isfinite(recording.u)) else recording.f
+    if not recording.is_open_loop and np.ptp(recording.f[:rows]) > 0.02 * np.ptp(force):
+        return False
+    y = recording.y[:rows]
+    travel = abs(np.polyfit(np.arange(rows), y, 1)[0]) * rows
+    spread = np.std(np.diff(y)) + 1e-300
+    return bool(travel < 6 * spread or travel < 1e-4 * np.ptp(recording.y))
+
+
+def _standing(recording: Recording) -> float:
+    """Where a recording that begins at rest stands: y over as long as the drive holds still, or over its
+    first samples where y does not stay there. A machine that sticks keeps what is wrong with this
+    until it breaks away."""
+    drive = recording.f if recording.is_open_loop else recording.r
+    moved = np.abs(drive - drive[0]) > 1e-6 * max(float(np.ptp(drive)), 1e-300)
+    still = np.abs(recording.f - recording.f[0]) <= 1e-6 * max(float(np.ptp(recording.f)), 1e-300)
+    rows = int(np.argmax(moved | ~still)) or len(recording)
+    short = recording.y[: max(8, min(20, len(recording)))]
+    y = recording.y[: min(rows, HOLD)]
+    parts = np.array_split(y, 8)
+    if len(y) < 2 * len(short):
+        return float(np.mean(short))
+    means = np.array([np.mean(part) for part in parts])
+    spread = float(np.std(np.diff(y))) / np.sqrt(2.0)
+    slow = float(np.std(np.diff(means))) / np.sqrt(2.0)  # coloured noise moves short means too
+    off = abs(float(np.mean(means[:4]) - np.mean(means[4:])))
+    stays = off < 4.0 * max(spread / np.sqrt(len(y) / 4), slow)
+    return float(np.mean(y if stays else short))
+
+
+def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
+    """The trial of a recording under the plant (and controller) of `simulator`."""
+    plant = simulator.plant
+    if abs(recording.sample_time - plant.sample_time) > 1e-3 * plant.sample_time:
+        raise InputError(
+            f"{recording.source}: sample time {recording.sample_time:g} s, the model's is "
+            f"{plant.sample_time:g} s; resample the recording or give the model of this rate"
+        )
+    rest = starts_at_rest(recording)
+    n_plant, n = simulator.n_plant, simulator.n_states
+    delay = simulator.mechanics.delay
+    start = np.zeros(n)
+    doubt = np.zeros((n_plant + delay + simulator.controller.order,) * 2)
+    first = _standing(recording) if rest else 0.0
+    known_command = np.all(np.isfinite(recording.u))
+    if rest:
+        start[:] = simulator.at_rest(first)
+        if springs_back(simulator):
+            start[n_plant : n_plant + delay] = recording.u[0]
+        elif plant.controller is None and simulator.mechanics.order:
+            # In open loop rest is where the first command holds it.
+            held = float(recording.u[0]) + _loads(simulator, plant.effects)
+            start = rest_under(simulator, float(recording.u[0]), held, first)
+    adrift = None
+    if known_command and (plant.controller is not None or not rest):
+        adrift = in_motion_from(simulator, recording, noise)
+    if not rest and adrift is not None:
+        start[: n_plant + delay], doubt = adrift[0][: n_plant + delay], adrift[1]
+    if plant.controller is not None and known_command:
+        states, _ = feedback_of(plant.controller, recording)
+        for whole in (start, adrift[0]):
+            whole[n_plant + delay :] = states
+    return Trial(
+        recording.source,
+        float(recording.t[0]),
+        plant.sample_time,
+        np.asarray(recording.r),
+        np.asarray(recording.f),
+        None if recording.d is None else np.asarray(recording.d),
+        np.asarray(recording.y),
+        np.asarray(recording.u),
+        start,
+        doubt,
+        rest,
+        simulator.mechanics,
+        0.0 if rest else _travel(recording, is_speed(plant.output_unit)),
+        rest and springs_back(simulator),
+        adrift if rest else None,
+    )
+
+
+def in_motion_from(simulator: Simulator, recording: Recording, noise: float) -> tuple[Array, Array]:
+    """(start, doubt) of a plant that moves at the first sample; the controller's states stay zero."""
+    n = simulator.n_plant + simulator.mechanics.delay
+    start, doubt = np.zeros(simulator.n_states), np.zeros((n + simulator.controller.order,) * 2)
+    drive = recording.u if recording.d is None else recording.u + recording.d
+    estimate, spread = plant_start(simulator, drive, recording.y, noise)
+    # What is missing in the model acts on the first samples too: a fifth of the command, say.
+    other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise)
+    order = _ordering(simulator)
+    start[order] = estimate
+    doubt[np.ix_(order, order)] = spread + np.outer(other - estimate, other - estimate)
+    return start, doubt
+
+
+def _loads(simulator: Simulator, effects: Sequence[EffectSpec]) -> float:
+    """The command that the constant loads among `effects` stand for."""
+    total, m = 0.0, simulator.mechanics
+    for spec in effects:
+        if spec.name == "constant_load":
+            side, ratio = spec.options.get("side", "sensor"), spec.options.get("mass_ratio")
+            total += spec.parameters["force"] * m.as_command(m.point(side, ratio))
+    return total / simulator.force_per_input
+
+
+def _travel(recording: Recording, speed: bool) -> float:
+    """From the first sample to the first turning point, signed: as likely as not, as far as it was from
+    the last one to the first sample. 0 where the machine hardly moves at first: which way it came
+    is then unknown."""
+    y = np.cumsum(recording.y) * recording.sample_time if speed else recording.y
+    span = min(max(round(SPAN / recording.sample_time), 8), len(y) - 1)
+    moved = np.abs(y[span:] - y[:-span])
+    if moved[0] < MOVING * moved.max():
+        return 0.0
+    sign = np.sign(y[span] - y[0])
+    along = sign * (y - y[0])
+    farthest = np.maximum.accumulate(along)
+    back = farthest - along > TURN * float(np.ptp(y))
+    return float(sign * farthest[np.argmax(back) if back.any() else -1])
+
+
+def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) -> Array:
+    """`trial.start` in the states of `simulator`, with the plant where the sensor, `effects` included,
+    shows what was measured: a loop at rest has brought what it sees to the reference, not what is."""
+    start = trial.start
+    if simulator.mechanics is not trial.mechanics:
+        start = carried(start, trial.mechanics, simulator.mechanics)
+    shown = [(EFFECTS[s.name], s.parameters) for s in effects if EFFECTS[s.name].port == "output"]
+    if not trial.at_rest:
+        return start
+    if trial.loaded and winds(simulator, effects):
+        start = wound(simulator, effects, trial.holding, trial.start_time, start)
+    if not shown or simulator.plant.controller is None:
+        return start
+    return behind_sensor(
+        simulator, start, lambda x: sum(effect.shown(values, x) - x for effect, values in shown)
+    )
+
+
+def behind_sensor(simulator: Simulator, start: Array, added: Callable[[float], float]) -> Array:
+    """`start` of a loop at rest with the plant where a sensor that adds `added(position)` shows what
+    `start` has."""
+    unit = simulator.at_rest(1.0)[: simulator.n_plant]
+    measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
+    position = measured
+    for _ in range(SETTLE):
+        position = measured - added(position)
+    start = start.copy()
+    start[: simulator.n_plant] += (position - measured) * unit
+    return start
+
+
+def _ordering(simulator: Simulator) -> Array:
+    """Where the states of `discrete(mechanics)` stand in the simulator's start vector."""
+    n, delay = simulator.n_plant, simulator.mechanics.delay
+    return np.concatenate([np.arange(n, n + delay), np.arange(n)])
+
+
+def rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
+    """Standstill of an open-loop plant under a constant command, loads included in `held`, as near
+    `position` as it can be."""
+    m, n = simulator.mechanics, simulator.mechanics.own
+    weight = np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)
+    solution = np.linalg.lstsq(
+        np.vstack([m.a[:n, :n], m.c[None, :n] * weight]),
+        np.append(-m.b[:n] * held, position * weight),
+        rcond=1e-13,
+    )[0]
+    start = np.zeros(simulator.n_states)
+    start[:n] = solution
+    start[simulator.n_plant : simulator.n_plant + m.delay] = command
+    return start

@@ -1,0 +1,1 @@
+"""Who may be missing, to first order."""

@@ -1,0 +1,1 @@
+"""Two encoders of one motion, and what lies between them."""

@@ -1,0 +1,112 @@
+"""Who earns a place, by what the recordings that judge show and would have to show."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest import judging
+from ffl.diagnose.contest.judging import Judged, earns, effective, noise_error
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.maps import unnamed
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems.plant import EffectSpec, Imperfections
+
+SAMPLES, FITTED, PROMISED = 4000, 1478.0, 77.0
+
+
+class Standing(Judged):
+    """A verdict without the fit behind it."""
+
+    freedom = 1
+    model = Model(None)  # type: ignore[arg-type]
+
+    @property
+    def score(self) -> float:
+        return self.fitted + self.held_out
+
+
+class Further(Standing):
+    """The same beside a play."""
+
+    independent = float(SAMPLES)
+    model = Model(None, effects=(EffectSpec("backlash", {"gap": 1e-4}),))  # type: ignore[arg-type]
+
+
+def _judged(white: np.ndarray, fitted: float, kind: type[Standing] = Standing) -> Standing:
+    found = SimpleNamespace(white=np.zeros(1000))
+    held = -0.5 * effective(white) * float(np.log(np.mean(white**2)))
+    return kind(found, None, fitted, held, white)  # type: ignore[arg-type]
+
+
+def test_held_out_gains_count_in_equally_many_samples():
+    """A slow residual of four times the size is not hardly worse than a white one."""
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal(600)
+    slow = 4.0 * np.sin(np.linspace(0.0, 6.0, 600))
+    base, rival = (_judged(w, fitted) for w, fitted in ((slow, 0.0), (white, 50.0)))
+    assert earns(rival, base, 25.0)
+    assert not earns(base, rival, 0.0)
+
+
+def _changed(promised: float, shown: float) -> tuple[np.ndarray, np.ndarray]:
+    """Held-out residuals that differ by so many nats, of which the second gains the share `shown`."""
+    rng = np.random.default_rng(0)
+    before = rng.standard_normal(SAMPLES)
+    size = np.linalg.norm(before)
+    other = rng.standard_normal(SAMPLES)
+    other -= (other @ before) / size**2 * before
+    cosine = np.sqrt(0.5 * promised) / size  # mirrored: 0.5 |difference|^2 = promised
+    mirror = cosine * before / size + np.sqrt(1 - cosine**2) * other / np.linalg.norm(other)
+    after = before - 2.0 * (before @ mirror) * mirror
+    return before, after * np.exp(-shown * promised / SAMPLES)
+
+
+@pytest.mark.parametrize(("shown", "earned"), [(0.0, False), (0.05, False), (0.15, True)])
+def test_what_would_show_where_it_is_judged_must_show_there(monkeypatch, shown, earned):
+    """A further effect changes what is left there by 77 nats: a tenth of them at least it must gain."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    before, after = _changed(PROMISED, shown)
+    assert earns(_judged(after, FITTED, Further), _judged(before, 0.0, Further), 0.0) is earned
+
+
+@pytest.mark.parametrize(
+    ("fitted", "shown", "earned"), [(120.0, 0.7, True), (120.0, 0.2, False), (220.0, 0.2, True)]
+)
+def test_what_can_hardly_show_where_it_is_judged_must_be_clear_or_do_what_it_can(
+    monkeypatch, fitted, shown, earned
+):
+    """A further effect changes what is left there by 10 nats, of the 16 that one that shows must bring."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    before, after = _changed(10.0, shown)
+    assert earns(_judged(after, fitted, Further), _judged(before, 0.0, Further), 0.0) is earned
+
+
+@pytest.mark.parametrize(
+    ("maps", "names", "astray"),
+    [(500.0, 500.0, True), (500.0, 120.0, False), (120.0, 500.0, False)],
+)
+def test_maps_along_the_measured_motion_are_asked_where_nothing_runs_there(
+    monkeypatch, maps, names, astray
+):
+    monkeypatch.setattr(unnamed, "_cost", lambda *_: names)
+    alone = SimpleNamespace(white=np.zeros(100), cost=maps)
+    assert unnamed._astray(None, None, alone) is astray
+
+
+def test_what_noise_makes_of_a_free_run_at_most(stage, references):
+    loud = replace(stage, machine=Imperfections(0.0, 1e-12, 0.5, None))
+    rest, device = np.zeros_like(references[0]), SimulatedMachine(loud)
+    rng = np.random.default_rng(5)
+    made = [float(np.sum(device.run(rest, rest, rng).y ** 2)) for _ in range(300)]
+    base = Base.of(loud, 0.1)
+    trial = prepare(base.simulator, device.run(references[0], rest, rng), 1e-7)
+    scene = Scene(loud.loop, (trial,), Noise(1e-12, 0.5))
+    assert noise_error(scene, scene) == pytest.approx(np.median(made), rel=0.1)
+    share = np.mean(np.array(made) > noise_error(scene, scene, 0.05))
+    assert 0.01 < share < 0.1
+    assert noise_error(None, scene, 0.05) == 0.0

@@ -1,0 +1,189 @@
+"""What the named effects come to when all is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest import line
+from ffl.diagnose.contest.judging import credible, judge
+from ffl.diagnose.contest.line import (
+    _preloaded,
+    _pruned,
+    _without_idle,
+    across_the_line,
+    against_the_refused,
+    on_the_line,
+)
+from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.amounts import sizes
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems import EffectSpec
+
+NOISE = Noise(1e-7, 2e-3)
+
+
+def scene_of(plant, recordings):  # type: ignore[no-untyped-def]
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
+    trials = tuple(prepare(base.simulator, r, 1e-7) for r in recordings)
+    return Scene(plant.loop, trials, NOISE), Model(base)
+
+
+def test_friction_by_direction_beside_a_spring_is_even_friction_about_another_centre(stage, record):  # type: ignore[no-untyped-def]
+    spring = EffectSpec("linear_stiffness", {"stiffness": 200.0, "centre": 0.01})
+    even = EffectSpec("coulomb_friction", {"level": 3.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(even, spring))))
+    uneven = EffectSpec("asymmetric_friction", {"level_positive": 3.4, "level_negative": 2.6})
+    moved = replace(spring, parameters={"stiffness": 200.0, "centre": 0.012})
+    judged = judge(scene, None, replace(model, effects=(uneven, moved)), rounds=4)
+    found = across_the_line(scene, None, judged).model
+    assert found.names == ("coulomb_friction", "linear_stiffness")
+    assert found.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.02)
+    assert found.effects[1].parameters["centre"] == pytest.approx(0.01, abs=1e-4)
+
+
+def test_friction_by_direction_without_a_spring_stays(stage, record):  # type: ignore[no-untyped-def]
+    uneven = EffectSpec("asymmetric_friction", {"level_positive": 3.4, "level_negative": 2.6})
+    scene, model = scene_of(stage, record(replace(stage, effects=(uneven,))))
+    judged = judge(scene, None, model.with_effect(uneven), rounds=4)
+    assert across_the_line(scene, None, judged).model.names == ("asymmetric_friction",)
+
+
+def test_a_correction_beyond_the_line_is_held_on_it(stage, record):  # type: ignore[no-untyped-def]
+    """So that an effect that competes with it says what it has to say alone."""
+    scene, model = scene_of(stage, record(replace(stage, effects=())))
+    far = judge(scene, None, replace(model, corrections={"mass": 0.08, "damping": 0.0}), rounds=0)
+    assert abs(sizes(scene, far.model)["mass"]) > 0.02
+    near = on_the_line(None, far).model
+    assert abs(sizes(scene, near)["mass"]) < 0.02
+    assert "mass" in near.held
+
+
+@pytest.mark.parametrize(("own", "named"), [(0.012, ()), (0.05, ("mass_change",))])
+def test_a_mass_said_twice_is_one_number(stage, record, own, named):  # type: ignore[no-untyped-def]
+    """0.3 % as an effect beside 1.2 % as a correction is 1.5 %: no effect."""
+    heavy = EffectSpec("mass_change", {"change": 1.003 * (1.0 + own) - 1.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(heavy,))))
+    twice = replace(model, corrections={"mass": own, "damping": 0.0})
+    judged = judge(scene, None, twice.with_effect(EffectSpec("mass_change", {"change": 0.003})), 0)
+    assert across_the_line(scene, None, judged).model.names == named
+
+
+@pytest.mark.parametrize("stiffness", [60.0, 0.05], ids=["a spring and a load", "a load"])
+def test_a_spring_about_a_far_centre_is_a_load_and_a_spring_if_that_is_worth_it(
+    stage, record, stiffness
+):  # type: ignore[no-untyped-def]
+    far = EffectSpec("linear_stiffness", {"stiffness": stiffness, "centre": 18.0 / stiffness})
+    there = (EffectSpec("constant_load", {"force": 18.0}),)
+    if stiffness > 1.0:
+        there = (EffectSpec("linear_stiffness", {"stiffness": stiffness}), *there)
+    scene, model = scene_of(stage, record(replace(stage, effects=there)))
+    scene, held = (replace(scene, trials=(trial,)) for trial in scene.trials)
+    found = _preloaded(held, judge(scene, held, model.with_effect(far), rounds=4)).model
+    assert found.names == tuple(spec.name for spec in there)
+    assert found.effects[-1].parameters["force"] == pytest.approx(18.0, rel=0.01)
+    assert found.effects[0].parameters.get("stiffness", 60.0) == pytest.approx(60.0, rel=0.05)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.5], ids=["0 passed", "0 not passed"])
+def test_a_spring_about_a_near_centre_stays(stage, record, aside):  # type: ignore[no-untyped-def]
+    scene, model = scene_of(stage, record(replace(stage, effects=())))
+    trials = tuple(replace(t, y=t.y + aside) for t in scene.trials)
+    near = EffectSpec("linear_stiffness", {"stiffness": 60.0, "centre": aside + 0.02})
+    judged = judge(scene, None, model.with_effect(near), rounds=0)
+    kept = _preloaded(None, replace(judged, scene=replace(scene, trials=trials))).model
+    assert kept.names == ("linear_stiffness",)
+
+
+def test_an_effect_that_takes_nothing_off_goes(stage, record):  # type: ignore[no-untyped-def]
+    dry = EffectSpec("coulomb_friction", {"level": 3.0})
+    idle = EffectSpec("cogging", {"amplitude": 1e-5, "period": 0.004})
+    working = EffectSpec("cogging", {"amplitude": 1.0, "period": 0.004})
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry, working))))
+    both = judge(scene, None, replace(model, effects=(dry, working)), rounds=0)
+    assert _without_idle(None, both) is both
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry,))))
+    both = judge(scene, None, replace(model, effects=(dry, idle)), rounds=0)
+    assert _without_idle(None, both).model.names == ("coulomb_friction",)
+
+
+def test_an_effect_that_does_nothing_beside_a_held_correction_is_dropped(stage, record):  # type: ignore[no-untyped-def]
+    dry = EffectSpec("coulomb_friction", {"level": 3.0})
+    idle = EffectSpec("hardening_spring", {"cubic_coefficient": 0.0, "centre": 0.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry,))))
+    judged = judge(scene, None, replace(model, effects=(dry, idle)), rounds=2)
+    assert _pruned(None, judged).model.names == ("coulomb_friction",)
+
+
+def test_an_effect_that_the_models_own_number_undoes_is_none(two_masses, references):
+    """A damper at the motor in the place of the machine's own passed for a delay; gone, nobody was left."""
+    machine = SimulatedMachine(two_masses)
+    recording = machine.run(references[0], 0 * references[0], np.random.default_rng(0))
+    scene, model = scene_of(two_masses, [recording])
+    damper = EffectSpec("viscous_friction", {"coefficient": 30.0}, {"side": "motor"})
+    judged = judge(scene, None, model.with_effect(damper), rounds=0)
+    mass = model.base.simulator.mechanics.moving_mass * model.base.simulator.force_per_input
+    for share, alright in ((0.0, True), (-0.5, True), (-1.0, False), (-1.5, False)):
+        other = replace(judged.model, corrections={"damping": share * 30.0 / mass})
+        as_it_is = replace(judged, fit=replace(judged.fit, model=other))
+        assert credible(as_it_is) is alright
+
+
+def test_numbers_that_no_machine_has_are_no_finding(two_masses, references):
+    """A blind case ended in an error: a mass change beyond what there is at its point."""
+    machine = SimulatedMachine(two_masses)
+    recording = machine.run(references[0], 0 * references[0], np.random.default_rng(0))
+    scene, model = scene_of(two_masses, [recording])
+    gone = EffectSpec("mass_change", {"change": -0.95}, {"side": "motor"})
+    impossible = replace(model, corrections={"mass": 0.01}).with_effect(gone)
+    judged = judge(scene, None, impossible, rounds=2)
+    assert not np.isfinite(judged.score)
+    assert not credible(judged)
+
+
+@pytest.mark.parametrize(
+    ("answers", "named"), [((True, True), ("mass_change",)), ((True, False), ())]
+)
+def test_a_number_that_is_worth_nothing_as_an_effect_stays_on_the_line(
+    stage, record, monkeypatch, answers, named
+):
+    """Free it was worth more than on the line, at a point of the machine it was not: a null."""
+    heavy = EffectSpec("mass_change", {"change": 0.05})
+    scene, model = scene_of(stage, record(replace(stage, effects=(heavy,))))
+    judged = judge(
+        scene, None, replace(model, corrections={"mass": 0.05, "damping": 0.0}), rounds=2
+    )
+    said = iter(answers)
+    monkeypatch.setattr(line, "_beyond", lambda *_: next(said))
+    found = across_the_line(scene, None, judged).model
+    assert found.names == named
+    assert named or found.corrections["mass"] == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "true",
+    [
+        EffectSpec("coulomb_friction", {"level": 2.0}),
+        EffectSpec("viscous_friction", {"coefficient": 20.0}),
+    ],
+)
+def test_a_number_beyond_the_line_stands_against_who_was_refused(stage, record, true):  # type: ignore[no-untyped-def]
+    """What came in as a number of the model's own had no rival yet."""
+    scene, model = scene_of(stage, record(replace(stage, effects=(true,))))
+    nothing = judge(scene, None, model, rounds=10)
+    dry = EffectSpec("coulomb_friction", {"level": 0.3})
+    refused = judge(scene, None, nothing.model.with_effect(dry), rounds=10)
+    step = Step(nothing, (), (refused,), None)
+    outcome = Outcome(nothing, [step], None, {})
+    standing = across_the_line(scene, None, nothing)
+    assert standing.model.names == ("viscous_friction",)
+    found, after = against_the_refused(None, standing, outcome)
+    assert found.model.names == (true.name,)
+    others = {name for name, _ in after.contenders[true.name]}
+    assert others == {"viscous_friction", "coulomb_friction"}
+    (value,) = true.parameters.values()
+    assert next(iter(found.model.effects[0].parameters.values())) == pytest.approx(value, rel=0.2)

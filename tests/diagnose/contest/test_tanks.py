@@ -1,0 +1,91 @@
+"""Tanks in a row, made by small Euler steps of their own equations: which effect, and when none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.hypothesis.places import flow_places
+from ffl.effects import EFFECTS
+from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec, Physics, Plant
+from ffl.systems.zpk import Zpk
+
+STEP, UPPER, LOWER, GAIN = 5.0, 0.010, 0.016, 0.09
+
+
+def plant(**changes) -> Plant:
+    """The lags of both tanks about a flow of 0.5, in litres per minute and metres."""
+    poles = np.exp(-STEP * np.array([UPPER, LOWER]))
+    gain = GAIN * float(np.prod(1 - poles)) / 2.0
+    return Plant("tanks", Zpk([-1.0], poles, gain, STEP), None, "l/min", "m", **changes)
+
+
+def pump(seed: int, n: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    t = np.arange(n)
+    hold = np.repeat(rng.uniform(0.0, 10.0, n // 40 + 1), 40)[:n]
+    return hold + 1.5 * np.sin(2 * np.pi * t / 97)
+
+
+def recording(seed: int, root: bool, height: float, share: float, n: int = 500) -> Recording:
+    """Levels about 0.45 m at 5 l/min; orifices as steep there as the lags, empty at 0."""
+    u, rng = pump(seed, n), np.random.default_rng(seed + 1)
+    x, y, fine = np.full(2, 0.3), np.empty(n), 200
+    middle = 0.45
+
+    def flow(level):
+        return 2 * np.sqrt(middle * max(level, 0.0)) - middle if root else level
+
+    for k in range(n):
+        y[k] = x[1]
+        for _ in range(fine):
+            rise = UPPER * (GAIN * u[k] - flow(x[0])) * STEP / fine
+            over = max(x[0] + rise - height, 0.0)
+            arrives = LOWER * (flow(x[0]) - flow(x[1])) * STEP / fine
+            x += [rise - over, arrives + LOWER / UPPER * share * over]
+    y += 1e-3 * rng.standard_normal(n)
+    t = STEP * np.arange(n)
+    return Recording(t=t, r=0 * u, f=u, u=u, y=y, d=None, sample_time=STEP, source=f"made, {seed}")
+
+
+def named(**physics):
+    found = diagnose(plant(), [recording(11, **physics)], [recording(12, **physics)])
+    return {effect["name"]: effect for effect in found.answer()["effects"]}, found.verdict
+
+
+def test_an_overflow_is_named_with_its_height_and_share():
+    effects, _ = named(root=False, height=0.65, share=0.6)
+    assert list(effects) == ["overflow"]
+    numbers = effects["overflow"]["parameters"]
+    assert numbers["height"]["value"] == pytest.approx(0.65, rel=0.02)
+    assert numbers["share"]["value"] == pytest.approx(0.6, abs=0.04)
+
+
+def test_an_orifice_is_named_with_the_level_where_nothing_flows():
+    effects, _ = named(root=True, height=np.inf, share=0.0)
+    assert "outflow" in effects
+    assert effects["outflow"]["parameters"]["empty"]["value"] == pytest.approx(0.0, abs=0.05)
+
+
+def test_lags_that_are_just_lags_miss_nothing():
+    effects, verdict = named(root=False, height=np.inf, share=0.0)
+    assert not effects
+    assert verdict == "nothing_missing"
+
+
+def test_flows_are_offered_to_lags_in_a_row_alone():
+    outflow, overflow = EFFECTS["outflow"], EFFECTS["overflow"]
+    tanks = Model(Base.of(plant()))
+    assert [p.side for p in flow_places(tanks, overflow)] == ["slow", "fast"]
+    decided = tanks.with_effect(EffectSpec("overflow", {"height": 0.6}, {"side": "fast"}))
+    assert [p.side for p in flow_places(decided, EFFECTS["spill"])] == ["after_fast"]
+    driven = Model(Base.of(plant(physics=Physics(2.0, None))))  # a mass: it moves, it does not fill
+    assert not flow_places(driven, outflow)
+    ringing = Plant("p", Zpk([], [0.9 + 0.3j, 0.9 - 0.3j], 0.1, STEP))
+    assert not flow_places(Model(Base.of(ringing)), outflow)
+    one = Model(Base.of(Plant("p", Zpk([], [0.9], 0.1, STEP))))
+    assert [p.side for p in flow_places(one, outflow)] == ["after_slow"]
+    assert not flow_places(one, overflow)

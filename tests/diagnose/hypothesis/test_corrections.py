@@ -1,0 +1,110 @@
+"""Corrections of the linear model: what unit each is told in."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest.line import LATE, slight
+from ffl.diagnose.hypothesis.coordinate import Coordinate
+from ffl.diagnose.hypothesis.corrections import corrections
+from ffl.diagnose.hypothesis.linear import corrected, corrected_plant, corrections_of
+from ffl.diagnose.hypothesis.model import Base
+from ffl.machines.simulator import Simulator
+from ffl.systems import EffectSpec, Plant, Zpk, load_plant
+
+T = 1e-3
+
+
+def standing(pole, values, effects=()):  # type: ignore[no-untyped-def]
+    """A judged model with the named corrections, each known to a tenth."""
+    plant = Plant("mass", Zpk([-1.0], [1.0, pole], 5e-8, T), None)
+    base = Base.of(plant)
+    coordinates = [Coordinate("correction", name) for name in values]
+    coordinates += [
+        Coordinate("effect", name, effect=k)
+        for k, effect in enumerate(effects)
+        for name in effect.parameters
+    ]
+    spread = [0.1 * abs(value) for value in values.values()] + [1e-6] * len(effects)
+    model = SimpleNamespace(
+        base=base, coordinates=coordinates, corrections=values, effects=tuple(effects)
+    )
+    return SimpleNamespace(model=model, spread=spread)
+
+
+def test_damping_is_relative_where_the_plant_has_some():
+    found = corrections(standing(0.999, {"mass": 0.01, "damping": 0.1}))  # type: ignore[arg-type]
+    assert [(c.name, c.unit) for c in found] == [("mass", ""), ("damping", "")]
+    assert found[1].relative == pytest.approx(0.1, rel=0.01)  # d = 1/s
+
+
+@pytest.mark.parametrize("pole", [1.0, 1.0 - 1e-14])
+def test_damping_of_a_free_mass_is_told_as_it_is(pole):
+    (found,) = corrections(standing(pole, {"damping": -0.4}))  # type: ignore[arg-type]
+    assert (found.relative, found.unit) == (-0.4, "1/s")
+
+
+def test_a_slight_delay_is_told_in_samples():
+    delay = EffectSpec("input_delay", {"delay": 5e-5})
+    (found,) = corrections(standing(0.999, {}, [delay]))  # type: ignore[arg-type]
+    assert found.relative == pytest.approx(0.05)
+    assert found.unit == "samples"
+
+
+@pytest.mark.parametrize(("source", "most"), [("", 0.1), ("ffl identify linear of a run", 1.0)])
+@pytest.mark.parametrize(("name", "number"), LATE.items())
+def test_zeros_that_were_identified_hold_a_delay_within_a_sample(stage, source, most, name, number):
+    plant = replace(stage, source=source)
+    spec = EffectSpec(name, {number: 0.99 * most * plant.sample_time})
+    assert slight(spec, plant)
+    assert not slight(replace(spec, parameters={number: 1.01 * most * plant.sample_time}), plant)
+
+
+AMOUNTS = {"mass": 0.07, "damping": 0.05, "stiffness": 0.05}
+
+
+@pytest.mark.parametrize("name", ["emps", "flatbed_printer", "kernel2018_loop", "silverbox_linear"])
+@pytest.mark.parametrize("side", ["sensor", "motor", "load"])
+def test_points_of_a_corrected_plant_are_those_of_its_plant_file(name, side):
+    """u to the motion of the point, a force there to y, and to the point's own velocity."""
+    plant = load_plant(name)
+    nominal = Simulator(plant).mechanics
+    values = {
+        c.name: AMOUNTS.get(c.name, -0.06 if "frequency" in c.name else 0.2)
+        for c in corrections_of(nominal)
+    }
+    ours = corrected(nominal, values)
+    anew = Simulator(corrected_plant(plant, nominal, values)).mechanics
+    for w in (3.0, 50.0, 400.0):
+        seen = [_paths(m, m.point(side), w) for m in (ours, anew)]
+        np.testing.assert_allclose(seen[0], seen[1], rtol=1e-8)
+
+
+def test_a_further_mode_keeps_what_the_sensor_sees_of_it():
+    """y = (g + r s) eta: a mode that is stiffer and better damped changes eta alone."""
+    nominal = Simulator(load_plant("kernel2018_loop")).mechanics
+    moved = corrected(nominal, {"mode_1_frequency": 0.1, "mode_1_damping": 0.3})
+    for w in (3.0, 50.0, 400.0):
+        shares = [m.modes[1].position @ _state(m, w) for m in (nominal, moved)]
+        own = [
+            (1j * w) ** 2 + 1j * w * mode.damping + mode.stiffness
+            for mode in (nominal.modes[1], moved.modes[1])
+        ]
+        assert shares[1] * own[1] == pytest.approx(shares[0] * own[0], rel=1e-9)
+
+
+def _state(mechanics, w):  # type: ignore[no-untyped-def]
+    """The state under u = exp(j w t)."""
+    return np.linalg.solve(1j * w * np.eye(mechanics.order) - mechanics.a, mechanics.b)
+
+
+def _paths(mechanics, point, w):  # type: ignore[no-untyped-def]
+    n = mechanics.order
+    at = np.linalg.inv(1j * w * np.eye(n) - mechanics.a)
+    return [
+        point.position @ at @ mechanics.b,
+        mechanics.c @ at @ point.force,
+        point.velocity @ at @ point.force,
+    ]

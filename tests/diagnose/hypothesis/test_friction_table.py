@@ -1,0 +1,66 @@
+"""The form of a friction table: what is there is found, what is not there is left out."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.hypothesis.fit import surprise
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.effects import EFFECTS
+from ffl.recordings import read_recording
+from ffl.systems import load_plant
+from ffl.systems.plant import EffectSpec
+
+FOLDER = Path(os.environ.get("FFL_DATA", Path("..") / "shared" / "data")) / "emps"
+UM = 1e6
+
+
+def _file(name):  # type: ignore[no-untyped-def]
+    if not (FOLDER / name).exists():
+        pytest.skip(f"{FOLDER / name} is missing; get it from nonlinearbenchmark.org, set FFL_DATA")
+    return FOLDER / name
+
+
+def test_numbers_of_the_contact_are_free_only_where_they_are_stated():
+    table = {"grid": [0.0, 1.0], "positive": [1.0, 1.0], "negative": [1.0, 1.0]}
+    effect = EFFECTS["position_dependent_friction"]
+    found = effect.from_coefficients(np.ones(4), {"knots": 2.0, "low": 0.0, "high": 1.0})
+    assert found == {"table": table, "level": 1.0}
+
+
+def test_a_wall_at_the_end_of_the_travel_must_be_worth_it(stage):  # type: ignore[no-untyped-def]
+    """A knot that hardly a sample sees: 200,000 times the friction elsewhere stood for a stop."""
+    model = Model(Base.of(stage, 0.05))
+
+    def paid(end):  # type: ignore[no-untyped-def]
+        table = {"grid": [0.0, 1.0, 2.0], "positive": [3.0, 4.0, end], "negative": [2.0, 3.0, 3.0]}
+        return surprise(
+            model.with_effect(EffectSpec("position_dependent_friction", {"table": table}))
+        )
+
+    assert paid(6.0) < 0.5
+    assert paid(6e5) > paid(6.0) + 25.0
+
+
+@pytest.mark.slow
+def test_emps_friction_concealed():  # type: ignore[no-untyped-def]
+    """The documented numbers, 20.39 N, 203.5 N s/m, 95.11 kg, from the mass and the servo law alone;
+    the documented friction leaves 1.96 um of servo error in the second file."""
+    plant = load_plant("emps")
+    fit, judge = (
+        read_recording(_file(name), mapping, sample_time=plant.sample_time)
+        for name, mapping in (("DATA_EMPS.mat", "emps"), ("DATA_EMPS_PULSES.mat", "emps"))
+    )
+    found = diagnose(plant, [fit], [judge])
+    effects = {f.name: f.parameters for f in found.findings}
+    assert effects["position_dependent_friction"]["level"].value == pytest.approx(20.4, rel=0.05)
+    assert effects["viscous_friction"]["coefficient"].value == pytest.approx(203.5, rel=0.1)
+    assert all(abs(c.relative) < 0.02 for c in found.corrections if c.name == "mass")
+    overlay = found.proof.overlays[0]
+    error = (overlay.y - overlay.y_after)[20:]
+    assert UM * np.sqrt(np.mean(error**2)) < 1.4

@@ -1,0 +1,142 @@
+"""Maps in the closed loop: where a recording begins, how strong an effect they follow to its end, and
+what recordings that hardly show it say of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.maps.formula import Shape, _brake, _cost
+from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
+from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
+from ffl.diagnose.maps.terms import TERMS
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.events import events
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines.simulator import Simulator
+from ffl.recordings import Recording
+
+LIMIT, FALL = 1.6, 1.5  # A, A s/m
+
+
+def recorded(plant, reference, seed, force=None, cut=None):  # type: ignore[no-untyped-def]
+    """The stage with a force (N) of its motion, or a part (A) cut off its command, by repetition."""
+    rng = np.random.default_rng(seed)
+    n, simulator, noise = len(reference), Simulator(plant), plant.machine
+    shaken = noise.force_noise * rng.standard_normal(n)
+    seen = noise.sensor_noise * rng.standard_normal(n)
+    added = np.zeros(n)
+    for _ in range(60):
+        run = simulator.run((), reference, force=shaken + added, noise=seen)
+        wanted = force(run.x, run.v) / plant.physics.motor_constant if force else cut(run.u, run.v)
+        added = added + 0.5 * (wanted - added)
+    return Recording(
+        run.t, np.asarray(reference), np.zeros(n), run.u, run.y, sample_time=plant.sample_time,
+        source=f"run_{seed}.csv",
+    )  # fmt: skip
+
+
+def term(name):  # type: ignore[no-untyped-def]
+    return next(t for t in TERMS if t.name == name)
+
+
+def test_a_loop_at_rest_begins_where_a_bent_sensor_shows_the_reference(stage, references, scenes):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 1, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    ranges = {"x": (-0.05, 0.15), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 3.0)}
+    bent = term("position at the sensor")
+    grid = bent.grid(ranges)
+    part = Part(bent, Place("output"), 0.02 + 0.3 * grid**2, ranges)
+    free = FreeModel(model, (part,))
+    y = Running(free).follow(scene.trials[0]).y
+    assert np.abs(y[:200]).max() < 1e-5
+
+
+def test_a_strong_drag_is_followed_to_the_noise(stage, references, scenes):  # type: ignore[no-untyped-def]
+    brake = lambda x, v: -2 * 3.0 * (v / 0.04) / (1 + (v / 0.04) ** 2)  # noqa: E731
+    runs = [recorded(stage, r, k, force=brake) for k, r in enumerate(references)]
+    scene, held, model = scenes(runs)
+    found = free_form(scene, held, model)[-1]
+    assert found.variables == ("velocity",)
+    assert np.mean(found.white**2) < 1.3
+    assert np.mean(found.held_white**2) < 1.6
+
+
+def test_a_limit_that_falls_with_speed_is_a_map_of_both(stage, references, scenes):  # type: ignore[no-untyped-def]
+    def cut(u, v):  # type: ignore[no-untyped-def]
+        limit = LIMIT - FALL * np.abs(v)
+        return np.clip(u, -limit, limit) - u
+
+    runs = [recorded(stage, r, k, cut=cut) for k, r in enumerate(references)]
+    assert np.abs(cut(runs[0].u, np.gradient(runs[0].y, 1e-3))).max() > 0.02
+    scene, held, model = scenes(runs)
+    found = free_form(scene, held, model)[-1]
+    assert set(found.variables) == {"command", "velocity"}
+    assert np.mean(found.white**2) < 1.5
+
+
+def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, references, scenes):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    noise = np.random.default_rng(6).standard_normal(3000)
+    bare = FreeForm(FreeModel(model), scene, 0.0, noise, noise, np.ones(3000, bool))
+    alike = replace(bare, held_white=noise + 0.01 * np.roll(noise, 500))
+    assert _earns(replace(alike, evidence=1000.0), bare)
+    assert not _earns(replace(alike, evidence=100.0), bare)  # it must be sure of itself
+    worse = replace(bare, held_white=1.5 * noise, evidence=1000.0)
+    assert not _earns(worse, bare)
+    bend = 0.2 * np.sin(np.arange(3000) / 30)  # 30 to be expected there
+    passed_by = replace(bare, held_white=noise + bend, evidence=1e4)
+    assert _earns(passed_by, bare)
+    assert not _earns(replace(passed_by, evidence=2000.0), bare)
+
+
+def test_knocks_that_never_leave_it_quiet_are_events_where_the_noise_is_stated(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 4, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    quiet = scene.residuals(model)
+    assert not events(scene, quiet, stage).found
+    knock = np.zeros(len(quiet[0]))
+    for at in range(100, len(knock) - 100, 220):
+        knock[at : at + 30] = 0.1 * np.sign(np.sin(at))
+    trace = stage.loop.process_sensitivity.filter(knock)
+    assert events(scene, [quiet[0] + trace], stage).found
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-200])
+def test_a_shape_without_a_width_is_no_formula(width):  # type: ignore[no-untyped-def]
+    z = np.linspace(-1.0, 1.0, 9)
+    shape = Shape("", _brake, (width,))
+    assert np.isfinite(_cost([shape], z, np.eye(9), z))
+
+
+@pytest.mark.parametrize(("pace", "noise", "apart"), [(0.5, 0.5, False), (17.0, 0.05, True)])
+def test_what_a_slow_spring_cannot_tell_apart_is_said_of_both(on_a_spring, pace, noise, apart):  # type: ignore[no-untyped-def]
+    """Far below the resonance of 30 Hz the position is the command, and a stop for the one is a limit of
+    the other."""
+    plant = on_a_spring(2.0, 30.0, 0.1, 1e-3, "N", sensor_noise=2e-7, force_noise=noise)
+    stiffness, t = 2.0 * (2 * np.pi * 30.0) ** 2, 1e-3 * np.arange(4000)
+    runs, simulator = [], Simulator(plant, open_loop=True)
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        u = 40.0 * np.sin(2 * np.pi * pace * t) + 25.0 * np.sin(2 * np.pi * (1.3 + seed) * pace * t)
+        shaken, stop = noise * rng.standard_normal(len(t)), np.zeros(len(t))
+        for _ in range(60):
+            run = simulator.run((), None, u, force=shaken + stop)
+            stop += 0.5 * (-0.3 * stiffness * np.maximum(run.x - 25.0 / stiffness, 0.0) - stop)
+        seen = run.y + 2e-7 * rng.standard_normal(len(t))
+        runs.append(Recording(t, np.zeros(len(t)), u, u, seen, sample_time=1e-3, source=f"{seed}"))
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in runs))
+    scene, held = (
+        Scene(plant.loop, (prepare(base.simulator, r, 2e-7),), Noise(2e-7, noise)) for r in runs
+    )
+    found = free_form(scene, held, Model(base))[-1]
+    said = {v for part in (*found.parts, *found.alike) for v in part.term.variables}
+    assert said == ({"position"} if apart else {"position", "command"})

@@ -1,0 +1,157 @@
+"""Maps that the kernel runs: against an independent integration, and on a stage that nothing holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.maps.freeform import free_form
+from ffl.diagnose.maps.freemodel import FreeModel, Part
+from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import prepare
+from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec
+
+STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 25.0, 0.02
+W = 2 * np.pi * FREQUENCY
+SENSOR = 1e-9  # m: noise
+
+
+@pytest.fixture(scope="module")
+def spring(on_a_spring):  # type: ignore[no-untyped-def]
+    """2 kg on a spring of 25 Hz, hardly damped."""
+    return on_a_spring(MASS, FREQUENCY, DAMPING, STEP, "N")
+
+
+def integrated(u, acceleration):  # type: ignore[no-untyped-def]
+    """y (N,) of x'' = acceleration(x, v, u) with u held over each sample, to 1e-9."""
+    state, out = np.zeros(2), np.empty(len(u))
+    for k, held in enumerate(u):
+        out[k] = state[0]
+        state = solve_ivp(
+            lambda t, s, held=held: (s[1], acceleration(s[0], s[1], held)),
+            (0.0, STEP), state, method="DOP853", rtol=1e-9, atol=1e-14,
+        ).y[:, -1]  # fmt: skip
+    return out
+
+
+def linear(x, v, force):  # type: ignore[no-untyped-def]
+    """x'' of the spring under a force (N)."""
+    return force / MASS - 2 * DAMPING * W * v - W**2 * x
+
+
+def recording(u, y, name):  # type: ignore[no-untyped-def]
+    return Recording(
+        STEP * np.arange(len(u)), np.zeros(len(u)), u, u, y, sample_time=STEP, source=name
+    )
+
+
+def swept(n, seed=0):  # type: ignore[no-untyped-def]
+    """Forces of 5 N from 1 to 40 Hz, after 50 ms of rest."""
+    t = STEP * np.arange(n)
+    phase = 2 * np.pi * (1.0 + seed + (39.0 - seed) * t / (2 * t[-1])) * t
+    return np.where(t < 0.05, 0.0, 5.0 * np.sin(phase))
+
+
+def trial_of(plant, recorded):  # type: ignore[no-untyped-def]
+    base = Base.of(plant, float(np.ptp(recorded.y)), 1.0)
+    return Model(base), prepare(base.simulator, recorded, SENSOR)
+
+
+FORCES = {  # x'' by name, with g along the map's own variable
+    "position": lambda x, v, u, g: linear(x, v, u + g(x)),
+    "velocity": lambda x, v, u, g: linear(x, v, u + g(v)),
+    "velocity by position": lambda x, v, u, g: linear(x, v, u + v * g(x)),
+    "command": lambda x, v, u, g: linear(x, v, u + g(u)),
+    "command by position": lambda x, v, u, g: linear(x, v, u * (1.0 + g(x))),
+}
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_the_kernel_runs_a_map_as_an_integrator_does(spring, name):  # type: ignore[no-untyped-def]
+    term = next(t for t in TERMS if t.name == name)
+    u = swept(600)
+    bare = integrated(u, linear)
+    model, trial = trial_of(spring, recording(u, bare, "swept"))
+    spans = ranges_of([model.simulate(trial).motion()])
+    knots = term.knots(spans)
+    size = {"velocity by position": 20 * 2 * DAMPING * W * MASS, "command by position": 0.5}
+    g = -size.get(name, 2.0) * np.tanh(2 * knots / np.abs(knots).max())
+    if name == "velocity by position":
+        g = -np.abs(g)  # a brake of many times the stage's own damping
+    free = FreeModel(model, (Part(term, Place(term.port), g, spans),))
+    found = free.simulate(trial)
+    assert found is not None
+    force = FORCES[name]
+    wanted = integrated(u, lambda x, v, held: force(x, v, held, lambda z: np.interp(z, knots, g)))
+    moved = np.std(wanted - bare)
+    assert moved > 0.05 * np.std(bare)
+    assert np.std(found[0].y - wanted) < 2e-3 * moved
+
+
+def test_a_map_by_direction_sticks_as_dry_friction_does(spring):  # type: ignore[no-untyped-def]
+    term = next(t for t in TERMS if t.name == "direction by position")
+    t = STEP * np.arange(1500)
+    u = 5.0 * np.sin(2 * np.pi * (1.0 + 6.0 * t) * t)
+    model, trial = trial_of(spring, recording(u, integrated(u, linear), "swept"))
+    bare = model.simulate(trial)
+    spans = ranges_of([bare.motion()])
+    g = np.full(len(term.knots(spans)), -3.0)
+    found = FreeModel(model, (Part(term, Place("force"), g, spans),)).simulate(trial)
+    dry = model.with_effect(EffectSpec("coulomb_friction", {"level": 3.0})).simulate(trial)
+    assert found is not None
+    stuck = np.abs(dry.v) < 1e-9
+    assert np.mean(stuck) > 0.1
+    top = np.abs(bare.v).max()
+    assert (
+        np.quantile(np.abs(found[0].v[stuck]), 0.99) < 2e-3 * top
+    )  # a direction is none below 1e-3
+    assert np.std(found[0].y - dry.y) < 0.02 * np.std(bare.y - dry.y)
+
+
+def test_a_mass_that_depends_on_position_is_run_at_once(spring):  # type: ignore[no-untyped-def]
+    """M(x) x'' + M'(x) v^2/2, M = 2 kg (1 + x/x_max / 4)."""
+    term = next(t for t in TERMS if t.name == "inertia by position")
+    u = swept(600)
+    model, trial = trial_of(spring, recording(u, integrated(u, linear), "swept"))
+    spans = ranges_of([model.simulate(trial).motion()])
+    knots = term.knots(spans)
+    rise = -0.25 * MASS / np.abs(knots).max()
+    found = FreeModel(model, (Part(term, Place("force"), rise * knots, spans),)).simulate(trial)
+    assert found is not None
+
+    def acceleration(x, v, held):  # type: ignore[no-untyped-def]
+        free = MASS * linear(x, v, held) + 0.5 * rise * v**2
+        return free / (MASS - rise * x)
+
+    wanted = integrated(u, acceleration)
+    moved = np.std(wanted - trial.y)
+    assert np.std(found[0].y - wanted) < 2e-2 * moved  # the acceleration is its mean over a sample
+
+
+def test_drag_that_outdoes_the_damping_is_followed_where_nothing_holds_the_stage(spring):  # type: ignore[no-untyped-def]
+    drag = 5e3  # N s^3/m^3: at 0.1 m/s ten times what the stage's own damping gives
+    rng = np.random.default_rng(3)
+    runs = []
+    for k in range(2):
+        u = swept(1500, k)
+        y = integrated(u, lambda x, v, held: linear(x, v, held - drag * v**3))
+        runs.append(recording(u, y + SENSOR * rng.standard_normal(len(y)), f"swept {k}"))
+    base = Base.of(spring, float(np.ptp(runs[0].y)), 1.5)
+    trials = [prepare(base.simulator, r, SENSOR) for r in runs]
+    noise = Noise(SENSOR, 1e-4)
+    scene, held = (Scene(spring.loop, (trial,), noise) for trial in trials)
+    model = Model(base)
+    first = scene.residuals(model)
+    assert first is not None
+    assert np.std(first[0]) > 0.2 * np.std(runs[0].y)
+    found = free_form(scene, held, model)[-1]
+    left = held.residuals(found.free)
+    assert left is not None
+    assert found.variables == ("velocity",)
+    assert np.std(left[0]) < 0.02 * np.std(runs[1].y)

@@ -1,0 +1,59 @@
+"""Standard errors where what is left is not white: what they state is what repetition shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from ffl.diagnose.hypothesis.fit import Fit
+from ffl.diagnose.noise.spread import spread
+
+TRUE = np.array([2.0, -1.0])
+N = 4000
+
+
+def fitted(rng, alike):  # type: ignore[no-untyped-def]
+    """Two slow columns in first-order noise; J is minus the derivative of the residual."""
+    t = np.arange(N) / N
+    table = np.column_stack([np.sin(2 * np.pi * 3 * t), np.cos(2 * np.pi * 5 * t)])
+    noise = scipy.signal.lfilter([1.0], [1.0, -alike], rng.standard_normal(N))
+    y = table @ TRUE + noise
+    theta = np.linalg.lstsq(table, y, rcond=None)[0]
+    return theta, Fit(None, y - table @ theta, table, table, "converged")
+
+
+def covered(errors, alike, draws=150):  # type: ignore[no-untyped-def]
+    rng, within = np.random.default_rng(3), []
+    for _ in range(draws):
+        theta, fit = fitted(rng, alike)
+        within.append(np.abs(theta - TRUE) < 2.0 * errors(fit))
+    return float(np.mean(within))
+
+
+def blocks(fit):  # type: ignore[no-untyped-def]
+    return spread(fit, [N // 4, N - N // 4])
+
+
+def test_two_standard_errors_hold_in_coloured_noise():
+    assert covered(lambda fit: fit.spread, 0.9) < 0.5
+    assert covered(blocks, 0.9) > 0.88
+
+
+def test_in_white_noise_they_are_those_of_white_noise():
+    ratios = []
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        _, fit = fitted(rng, 0.0)
+        ratios.append(blocks(fit) / fit.spread)
+    assert np.min(ratios) == pytest.approx(1.0)
+    assert np.mean(ratios) < 1.15
+    assert 0.93 < covered(blocks, 0.0) < 1.0
+
+
+def test_what_the_data_do_not_see_stays_unknown():
+    _, fit = fitted(np.random.default_rng(5), 0.0)
+    blind = Fit(None, fit.white, np.column_stack([fit.jacobian, np.zeros(N)]), fit.columns, "")
+    found = blocks(blind)
+    assert found[2] > 1e6 * found[0]
+    np.testing.assert_allclose(found[:2], blocks(fit), rtol=1e-6)

@@ -1,0 +1,82 @@
+"""Machines whose controller nobody stated: what their observer may and may not be told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.predict.observer import led, moving, needs_observer, with_observer
+from ffl.machines import SimulatedMachine
+from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
+from ffl.systems.plant import EffectSpec, Imperfections
+
+STEP, INERTIA = 0.004, 1500.0
+DRY, VISCOUS, LOAD = 500.0, 1600.0, -2000.0
+
+
+@pytest.fixture(scope="module")
+def axis() -> Plant:
+    """A robot's axis, torque in and angle out, 1500 kg m^2."""
+    system = Zpk([-1.0], [1.0, 1.0], STEP**2 / (2 * INERTIA), STEP)
+    return Plant("axis", system, None, "N m", "rad", "made here", Physics(INERTIA, 1.0))
+
+
+@pytest.fixture(scope="module")
+def recorded(axis):  # type: ignore[no-untyped-def]
+    """One run of the axis: 1 s of rest, moves back and forth, 1 s of rest."""
+    steps = [Move(1.0, 0.3, 0.4, 0.8, 8.0), Move(3.4, -0.5, 0.45, 0.8, 8.0),
+             Move(6.4, 0.4, 0.4, 0.8, 8.0)]  # fmt: skip
+    reference = moves(steps, 9.5, STEP)
+    w = 2 * np.pi * 2.0
+    zero, pole = np.exp(-0.4 * w * STEP), np.exp(-4.0 * w * STEP)
+    lead = Zpk([zero], [pole], 1.0, STEP)
+    size = abs(lead.response([2.0])[0] / (INERTIA * w**2))
+    effects = (
+        EffectSpec("coulomb_friction", {"level": DRY}),
+        EffectSpec("viscous_friction", {"coefficient": VISCOUS}),
+        EffectSpec("constant_load", {"force": LOAD}),
+    )
+    machine = replace(
+        axis, controller=Controller.of_error(replace(lead, gain=1.0 / size)), effects=effects,
+        machine=Imperfections(1e-7, 1e-7, 20.0, None),
+    )  # fmt: skip
+    run = SimulatedMachine(machine).run(
+        reference, np.full_like(reference, -LOAD), np.random.default_rng(3)
+    )
+    return replace(run, r=np.zeros_like(run.y), f=run.u)
+
+
+def test_standstill_at_either_end_is_left_out(axis, recorded):
+    assert needs_observer(axis)
+    (cut,) = moving([recorded])
+    assert 0.9 < cut.t[0] < 1.4
+    assert cut.t[-1] < 8.9
+    assert np.array_equal(cut.y, recorded.y[np.isin(recorded.t, cut.t)])
+
+
+def test_a_recording_that_mostly_stands_still_is_left_whole(recorded):
+    long = replace(recorded, **{k: getattr(recorded, k)[: len(recorded) // 5] for k in "rfuyt"})
+    assert len(moving([long])[0]) == len(long)
+
+
+def test_the_observer_follows_what_was_measured(axis, recorded):
+    plant = with_observer(axis, 2 * np.pi)
+    assert np.abs(plant.loop.poles).max() < 1.0
+    (seen,) = led([recorded])
+    np.testing.assert_array_equal(seen.r, recorded.y)
+
+
+def test_friction_is_named_though_stiction_held_the_machine_before(axis, recorded):
+    """At rest the motor may hold anything up to stiction: here 900 N m off the load."""
+    u = recorded.u.copy()
+    rest = recorded.t - recorded.t[0] < 0.9
+    u[rest] += 900.0
+    answer = diagnose(axis, [replace(recorded, u=u, f=u)]).answer()
+    found = {e["name"]: e["parameters"] for e in answer["effects"]}
+    assert found["coulomb_friction"]["level"]["value"] == pytest.approx(DRY, rel=0.1)
+    assert found["constant_load"]["force"]["value"] == pytest.approx(LOAD, rel=0.05)
+    assert found["viscous_friction"]["coefficient"]["value"] == pytest.approx(VISCOUS, rel=0.15)
+    assert "drift" not in found

@@ -1,0 +1,112 @@
+"""What free runs of a machine that sticks and slips leave open, an observer tells."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict.observer import FIRM, decay_of, led, with_firm_observer
+from ffl.diagnose.predict.parting import clearer, parts
+from ffl.diagnose.proof.prove import nrmse, run_plant
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems import EffectSpec
+from ffl.systems.plant_file import plant_from_dict, plant_to_dict
+
+STEP = 0.001
+STICKS = EffectSpec(
+    "stribeck_friction", {"coulomb_level": 6.0, "static_level": 9.0, "stribeck_velocity": 0.0025}
+)
+
+
+@pytest.fixture(scope="module")
+def spring(on_a_spring):
+    """3.3 kg at 20 Hz, force noise of a hundredth of the friction."""
+    return on_a_spring(3.3, 20.0, 0.02, STEP, "N", sensor_noise=1e-8, force_noise=0.1)
+
+
+def waves(seed):
+    """4 s of a slow wave that gets the machine stuck where it turns, with another on top."""
+    t, rng = np.arange(4000) * STEP, np.random.default_rng(seed)
+    a, b = rng.uniform(0.0, 2 * np.pi, 2)
+    return 40.0 * np.sin(2 * np.pi * 1.3 * t + a) * np.minimum(1.0, t) + 8.0 * np.sin(
+        2 * np.pi * 7.0 * t + b
+    ) * np.minimum(1.0, t)
+
+
+@pytest.fixture(scope="module")
+def record(spring):
+    def of(*effects):
+        machine = SimulatedMachine(replace(spring, effects=effects))
+        zero = np.zeros(4000)
+        return [machine.run(zero, waves(k), np.random.default_rng(10 + k)) for k in range(2)]
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def stuck(record):
+    return record(STICKS)
+
+
+def judged(plant, recordings, effects):
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
+    seen, ahead = (
+        Scene(plant.loop, (prepare(base.simulator, r, 1e-8),), Noise(1e-8, 0.1)) for r in recordings
+    )
+    return judge(seen, ahead, replace(Model(base), effects=effects), 6)
+
+
+def test_a_firm_observer_keeps_a_margin(spring):
+    plant = with_firm_observer(spring)
+    sensitivity = plant.loop.system.response(np.linspace(1.0, 499.0, 500))[:, 0, 3]
+    assert np.abs(plant.loop.poles).max() < 1.0
+    assert 1.5 < np.abs(sensitivity).max() <= FIRM
+    assert decay_of(plant) > 10.0 * decay_of(spring)
+
+
+def test_of_a_linear_machine_both_ways_say_the_same(spring, record):
+    """log p(y) of the fitted recording, free and led."""
+    recordings = record()
+    free = judged(spring, recordings, ()).fitted
+    by_observer = judged(with_firm_observer(spring), led(recordings), ()).fitted
+    assert by_observer == pytest.approx(free, abs=30.0)
+
+
+def test_of_one_that_sticks_the_observer_is_the_sharper(spring, stuck):
+    firm = with_firm_observer(spring)
+    gains = []
+    for plant, recordings in ((spring, stuck), (firm, led(stuck))):
+        without, named = (judged(plant, recordings, e) for e in ((), (STICKS,)))
+        gains.append(named.fitted - without.fitted)
+    assert gains[1] > gains[0] + 500.0
+
+
+def test_what_sticks_is_named_once_led(spring, stuck):
+    found = diagnose(spring, stuck[:1], stuck[1:])
+    assert [f.name for f in found.findings] == ["stribeck_friction"]
+    (friction,) = found.findings
+    for name, value in STICKS.parameters.items():
+        assert friction.parameters[name].value == pytest.approx(value, rel=0.15), name
+    assert any("an observer" in note for note in found.notes)
+    assert found.augmented.controller is None
+    trials = [prepare(Base.of(spring).simulator, stuck[1], 1e-8)]
+    runs = [run_plant(plant_from_dict(plant_to_dict(found.augmented)), t).y for t in trials]
+    free = nrmse([t.y for t in trials], runs)  # from rest; the proof's start is fitted
+    assert max(free, found.proof.nrmse_after) < 0.3 * found.proof.nrmse_before
+    assert free == pytest.approx(found.proof.nrmse_after, rel=0.5)
+
+
+def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
+    recordings = record(EffectSpec("quadratic_drag", {"coefficient": 4e4}))
+    found = diagnose(spring, recordings[:1], recordings[1:])
+    assert found.verdict == "explained"
+    assert not parts(found)
+    assert (
+        clearer(found, replace(found, verdict="nothing_missing"), np.random.default_rng(0)) is found
+    )

@@ -1,0 +1,214 @@
+"""Play in a coupling where the loop rattles: no free run agrees with another, prediction does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict.play import Hypothesis, settled, start
+from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed, needed
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves
+
+STEP, GAP = 0.001, 5e-4
+NOISE = Noise(1e-6, 0.01)
+LOAD = {"kind": "load", "load_fraction": 0.5, "frequency": 120.0, "damping": 0.2}
+
+
+@pytest.fixture(scope="module")
+def plant():
+    """Two masses of 5 kg on a spring of 45 Hz, driven at one and measured at the other."""
+    zeros = np.array([-6.758, -0.6914, -0.02822])
+    poles = np.array([0.9994, 1.0, 0.9556 + 0.2686j, 0.9556 - 0.2686j])
+    servo_zeros, servo_poles = np.array([0.9852, 0.9944, -1.0]), np.array([0.7991, 0.7637, 1.0])
+    return Plant(
+        "stage",
+        Zpk(zeros, poles, 1.3585e-8, STEP),
+        Controller.of_error(Zpk(servo_zeros, servo_poles, 409.5, STEP)),
+        "A",
+        "m",
+        "made for the tests",
+        Physics(14.7, 36.4),
+        Imperfections(1e-7, 1e-6, 0.01, None),
+    )
+
+
+@pytest.fixture(scope="module")
+def rigid():
+    """5 kg and a lead with 15 Hz bandwidth."""
+    zero, pole = np.exp(-2 * np.pi * 5.0 * STEP), np.exp(-2 * np.pi * 45.0 * STEP)
+    lead = Zpk(np.array([zero]), np.array([pole]), 1.0, STEP)
+    gain = 5.0 * (2 * np.pi * 15.0) ** 2 / abs(lead.response([15.0])[0])
+    system = Zpk(np.array([-1.0]), np.array([1.0, 1.0]), STEP**2 / 10.0, STEP)
+    controller = Controller.of_error(replace(lead, gain=gain))
+    machine = Imperfections(1e-7, 1e-6, 0.01, None)
+    return Plant("stage", system, controller, "N", "m", "for tests", Physics(5.0, 1.0), machine)
+
+
+def path(*signs):
+    steps = [Move(0.2 + 0.6 * k, 0.05 * s, 0.25, 4.0, 200.0) for k, s in enumerate(signs)]
+    return moves(steps, 2.6, STEP)
+
+
+def records(plant, seed=0):
+    machine, rng = SimulatedMachine(plant), np.random.default_rng(seed)
+    return [machine.run(r, 0 * r, rng) for r in (path(1, -1, 1, -1), path(1, 1, -1, -1))]
+
+
+@pytest.fixture(scope="module")
+def worn(plant):
+    spec = EffectSpec(
+        "backlash", {"gap": GAP}, {"kind": "coupling", "mass_ratio": 0.7, "damping": 0.04}
+    )
+    return replace(plant, effects=(spec,))
+
+
+@pytest.fixture(scope="module")
+def rattling(worn):
+    return records(worn)
+
+
+def scene_of(plant, recordings):
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
+    trials = tuple(prepare(base.simulator, r, 1e-6) for r in recordings)
+    return Scene(plant.loop, trials, NOISE), Model(base)
+
+
+def test_without_a_gap_it_predicts_what_whitening_leaves(plant):
+    scene, model = scene_of(plant, records(plant))
+    mode = model.base.simulator.mechanics.modes[1]
+    own = mode.damping / (2.0 * np.sqrt(mode.stiffness))
+    form = {"kind": "coupling", "mass_ratio": 0.7, "damping": own}
+    without = Hypothesis.of(model, 1e-12, form, NOISE)
+    white, logs = without.predict(scene.trials)
+    free = scene.whiten(scene.residuals(model))
+    assert np.mean((white - free)[500:] ** 2) < 3e-3
+    likelihood = -0.5 * (white @ white) - logs.sum()
+    assert likelihood == pytest.approx(scene.log_likelihood(free), abs=20.0)
+
+
+def test_two_free_runs_of_one_rattling_machine_part_and_their_predictions_do_not(
+    plant, worn, rattling
+):
+    scene, model = scene_of(plant, rattling)
+    true = replace(model, effects=worn.effects)
+    white = scene.whiten(scene.residuals(true))
+    assert np.mean(white**2) > 30.0
+    ahead, _ = Hypothesis(true, NOISE).predict(scene.trials)
+    assert np.mean(ahead**2) < 2.0
+
+
+def test_the_play_is_found_by_prediction(plant, rattling):
+    scene, model = scene_of(plant, rattling)
+    begun, levels = start(scene, model)
+    assert begun is not None
+    (spec,) = settled(begun, scene, levels).model.effects
+    assert spec.parameters["gap"] == pytest.approx(GAP, rel=0.1)
+    assert spec.options["damping"] == pytest.approx(0.04, rel=0.1)
+
+
+@pytest.mark.parametrize("gap", [GAP, 1e-9])
+def test_a_machine_may_rest_anywhere(plant, worn, rattling, gap):
+    """Its first sample speaks neither for a play as wide nor against one: a dead zone lets it
+    rest there as well."""
+    scene, model = scene_of(plant, rattling)
+    first = replace(scene.trials[0], y=scene.trials[0].y + 0.4 * GAP)
+    spec = replace(worn.effects[0], parameters={"gap": gap})
+    ahead, _ = Hypothesis(replace(model, effects=(spec,)), NOISE).predict([first])
+    assert np.abs(ahead[:20]).max() < 6.0
+
+
+def test_a_play_is_judged_against_the_same_prediction_without_it(plant, rattling):
+    scene, model = scene_of(plant, rattling)
+    begun, levels = start(scene, model)
+    found = settled(begun, scene, levels)
+    assert min(beyond_prediction(found, scene, scene)) > 1000.0
+    sound, _ = scene_of(plant, records(plant))
+    assert max(beyond_prediction(found, sound, sound)) < 0.0
+
+
+@pytest.mark.parametrize("loud", [1.0, 10.0])
+def test_a_load_on_a_spring_is_no_play_at_any_noise(rigid, loud):
+    """What contact and noise bring by themselves is not the gap's."""
+    hung = EffectSpec("flexible_mode", {"mass_fraction": 0.5, "frequency": 120.0, "damping": 0.2})
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(hung,))))
+    noise = replace(NOISE, force=loud * NOISE.force)
+    tight = Hypothesis.of(model, 1e-9 * model.base.travel, LOAD, noise)
+    assert max(beyond_prediction(tight, scene, scene)) < 5.0
+
+
+def test_who_foretells_nothing_beside_the_play_goes(plant, worn, rattling):
+    scene, model = scene_of(plant, rattling)
+    idle = EffectSpec("encoder_ripple", {"period": 0.006, "amplitude": 0.0, "phase": 0.0})
+    both = Hypothesis(replace(model, effects=(idle, *worn.effects)), NOISE)
+    assert needed(both, scene.trials).model.names == ("backlash",)
+
+
+@pytest.mark.parametrize(
+    "effects", [(), (EffectSpec("coulomb_friction", {"level": 8.0}, {"side": "load"}),)]
+)
+def test_neither_noise_nor_friction_is_foretold_better_by_a_play(plant, effects):
+    scene, model = scene_of(plant, records(replace(plant, effects=effects)))
+    begun, levels = start(scene, model)
+    if begun is not None:
+        nothing = judge(scene, None, model, rounds=6)
+        assert settled(begun, scene, levels).scaled(scene.trials)[0] < nothing.fitted + 10.0
+
+
+def test_a_rattling_loop_is_diagnosed(plant, rattling):
+    found = diagnose(plant, rattling[:1], rattling[1:]).answer()
+    assert found["verdict"] in ("explained", "partly_explained")
+    (effect,) = found["effects"]
+    assert effect["name"] == "backlash"
+    assert effect["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.1)
+    assert any("rattles" in note for note in found["notes"])
+
+
+def test_a_load_behind_a_play_in_a_stage_that_the_model_has_as_rigid(rigid):
+    """How much of the mass is behind the gap, and on what contact, is found with the gap."""
+    spec = EffectSpec("backlash", {"gap": GAP}, LOAD)
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(spec,))))
+    begun, levels = start(scene, model)
+    assert begun is not None
+    (found,) = settled(begun, scene, levels).model.effects
+    assert found.parameters["gap"] == pytest.approx(GAP, rel=0.1)
+    assert found.options["load_fraction"] == pytest.approx(0.5, rel=0.1)
+    assert found.options["frequency"] == pytest.approx(120.0, rel=0.1)
+
+
+def test_a_mass_beyond_the_line_is_the_same_number_under_its_other_name(rigid):
+    """And so is a damping, though it acts at the motor, not on everything."""
+    scene, model = scene_of(rigid, records(rigid))
+    worn = replace(model, corrections={"mass": 0.08, "damping": 3.0})
+    before = Hypothesis(worn.with_effect(EffectSpec("backlash", {"gap": GAP}, LOAD)), NOISE)
+    found = crossed(before, scene)
+    assert found.model.names == ("mass_change", "viscous_friction", "backlash")
+    assert not {"mass", "damping"} & set(found.model.corrections)
+    assert found.worth(scene.trials) > before.worth(scene.trials) - 1.0
+
+
+@pytest.mark.parametrize("force", [0.0, 3.0])
+def test_a_constant_force_beside_the_play_is_found_and_none_is_made_up(rigid, force):
+    play, load = (
+        EffectSpec("backlash", {"gap": GAP}, LOAD),
+        EffectSpec("constant_load", {"force": force}),
+    )
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(load, play))))
+    found = burdened(Hypothesis(model.with_effect(play), NOISE), scene)
+    if not force:
+        assert found.model.names == ("backlash",)
+        return
+    assert found.model.names == ("constant_load", "backlash")
+    assert found.model.effects[0].parameters["force"] == pytest.approx(force, rel=0.02)
+
+
+def test_noise_partly_coloured_is_as_loud_as_it_was():
+    noise = partly_coloured(NOISE)
+    assert np.hypot(noise.sensor, noise.sensor_coloured) == pytest.approx(NOISE.sensor)
+    assert np.hypot(noise.force, noise.force_coloured) == pytest.approx(NOISE.force)

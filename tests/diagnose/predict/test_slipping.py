@@ -1,0 +1,163 @@
+"""A filter that sticks and slips: its moments, its likelihood, and the friction that it tells in noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.stats
+
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict.dry_in_noise import with_dry_friction
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.slipping import FORMS, Slip, _beyond, ease, levels
+from ffl.diagnose.recorded.trials import prepare
+from ffl.systems import EffectSpec
+from ffl.systems.plant import Imperfections
+
+LOUD = 0.5  # N, white
+SKEWED = EffectSpec("asymmetric_friction", {"level_positive": 1.2, "level_negative": 2.4})
+TABLE = {"grid": [-0.1, 0.1], "positive": [1.0, 2.0], "negative": [2.0, 3.0]}
+
+
+@pytest.fixture(scope="module")
+def shaken(stage):  # type: ignore[no-untyped-def]
+    return replace(stage, machine=Imperfections(1e-7, 1e-7, LOUD, None))
+
+
+@pytest.fixture(scope="module")
+def seen(shaken, record):  # type: ignore[no-untyped-def]
+    """(fitted scene, held-out scene, model) of a machine with these effects."""
+
+    def of(*effects, seed=0):  # type: ignore[no-untyped-def]
+        runs = record(replace(shaken, effects=effects), seed)
+        base = Base.of(shaken, max(float(np.ptp(r.y)) for r in runs))
+        trials = [prepare(base.simulator, r, 1e-7) for r in runs]
+        noise = Noise(1e-7, LOUD)
+        return *(Scene(shaken.loop, (t,), noise) for t in trials), Model(base)
+
+    return of
+
+
+@pytest.mark.parametrize("depth", [-9.0, -1.0, 0.0, 0.3, 9.0])
+def test_moments_of_what_lies_beyond(depth):
+    spread = 0.7
+    d = scipy.stats.norm(depth, spread)
+    share, mean, square = _beyond(depth, spread)
+    wanted = [
+        scipy.integrate.quad(lambda v, k=k: v**k * d.pdf(v), 0.0, max(depth, 0.0) + 12.0)[0]
+        for k in range(3)
+    ]
+    np.testing.assert_allclose([share, mean, square], wanted, atol=1e-7)
+
+
+def test_without_friction_it_is_the_likelihood_of_whitening(seen):
+    scene, _, model = seen()
+    white = scene.whiten(scene.residuals(model))
+    filtered = Slip(model, scene.noise).scaled(scene.trials)[0]
+    # The two begin otherwise: the one knows the first state, the other doubts it.
+    assert filtered == pytest.approx(scene.likeliest(white), abs=0.01 * len(white))
+    none = EffectSpec("coulomb_friction", {"level": 1e-9})
+    assert Slip(model.with_effect(none), scene.noise).scaled(scene.trials)[0] == pytest.approx(
+        filtered, abs=1e-2
+    )
+
+
+def test_friction_is_told_in_noise_that_smooths_it(seen):
+    scene, held, model = seen(SKEWED)
+    begun = EffectSpec("asymmetric_friction", {"level_positive": 0.3, "level_negative": 0.3})
+    found = refitted(Slip(model.with_effect(begun), scene.noise), scene.trials)
+    none = refitted(Slip(model, scene.noise), scene.trials)
+    for ground in (scene, held):
+        assert found.scaled(ground.trials)[0] > none.scaled(ground.trials)[0] + 15.0
+    fit = found.fit(scene.trials)
+    for name, spread in zip(("level_positive", "level_negative"), fit.spread[-2:], strict=True):
+        off = found.model.effects[0].parameters[name] - SKEWED.parameters[name]
+        assert abs(off) < 3.0 * spread
+        assert abs(off) < 0.4 * SKEWED.parameters[name]
+
+
+@pytest.mark.parametrize("effects", [(SKEWED,), ()])
+def test_friction_takes_its_place_where_it_foretells_and_nowhere_else(seen, effects):
+    scene, held, model = seen(*effects)
+    standing = judge(scene, held, model, 4)
+    before = Outcome(standing, [], held, {})
+    after = with_dry_friction(scene, held, before, model, scene.noise)
+    if not effects:
+        assert after is before
+        return
+    assert after.standing.model.names == ("asymmetric_friction",)
+    assert after.standing.predicted
+    rivals = {name for name, _ in after.contenders["asymmetric_friction"]}
+    assert rivals == {*FORMS, "nothing"}
+
+
+def test_company_that_the_filter_does_not_know_stays(seen):
+    scene, held, model = seen(SKEWED)
+    wave = EffectSpec("cogging", {"amplitude": 0.1, "period": 4e-3})
+    for effects in ((wave,), (SKEWED, wave), (EffectSpec("constant_load", {"force": 0.1}),)):
+        standing = judge(scene, held, replace(model, effects=effects), 1)
+        outcome = Outcome(standing, [], held, {})
+        assert with_dry_friction(scene, held, outcome, model, scene.noise) is outcome
+
+
+def test_friction_is_told_beside_what_drives_the_machine_and_what_it_carries(seen):
+    late = EffectSpec("input_delay", {"delay": 2e-3})
+    weight = EffectSpec("constant_load", {"force": 2.0})
+    scene, held, model = seen(late, weight, SKEWED)
+    passing = EffectSpec("viscous_friction", {"coefficient": 20.0})
+    standing = judge(scene, held, replace(model, effects=(late, weight, passing)), 6)
+    outcome = Outcome(standing, [], held, {})
+    found = with_dry_friction(scene, held, outcome, model, scene.noise).standing
+    assert found.model.names == ("input_delay", "constant_load", "coulomb_friction")
+    assert found.model.effects[0].parameters["delay"] == pytest.approx(2e-3, rel=0.2)
+    # A level for each direction beside a weight: one number says both.
+    level, force = (found.model.effects[k].parameters for k in (2, 1))
+    assert level["level"] == pytest.approx(1.8, rel=0.3)
+    assert force["force"] == pytest.approx(2.6, rel=0.3)
+
+
+def test_forms_of_friction_in_the_filters_terms():
+    stribeck = EffectSpec(
+        "stribeck_friction",
+        {"coulomb_level": 2.0, "static_level": 3.0, "stribeck_velocity": 0.01},
+    )
+    np.testing.assert_allclose(levels(stribeck, 2.0), [[0.0], [1.0], [1.0]])
+    assert ease(stribeck, 2.0) == (0.0, 0.5, 0.01)
+    by_place = EffectSpec("position_dependent_friction", {"table": TABLE, "level": 2.0})
+    np.testing.assert_allclose(levels(by_place, 2.0), [[-0.1, 0.1], [0.5, 1.0], [1.0, 1.5]])
+    np.testing.assert_allclose(levels(SKEWED, 1.0), [[0.0], [1.2], [2.4]])
+
+
+def test_a_contact_that_yields_is_a_stiff_one_where_it_is_stiff(seen):
+    scene, _, model = seen(SKEWED)
+    dry = EffectSpec("coulomb_friction", {"level": 0.7})
+    soft, stiff = (
+        EffectSpec("presliding_friction", {"level": 0.7, "stiffness": k, "micro_damping": 0.0})
+        for k in (1e3, 1e9)
+    )
+    plain, far, near = (
+        Slip(model.with_effect(spec), scene.noise).scaled(scene.trials)[0]
+        for spec in (dry, soft, stiff)
+    )
+    assert near == pytest.approx(plain, abs=1e-6)
+    assert abs(far - plain) > 5.0
+
+
+def test_a_contact_is_told_that_turns_by_more_than_a_radian_in_a_sample(seen):
+    true = {"level": 1.8, "stiffness": 1e6, "micro_damping": 0.0}
+    scene, held, model = seen(EffectSpec("presliding_friction", true))
+    begun = EffectSpec("presliding_friction", {**true, "level": 0.6, "stiffness": 5e5})
+    dry = EffectSpec("coulomb_friction", {"level": 0.6})
+    found, rigid = (
+        refitted(Slip(model.with_effect(spec), scene.noise), scene.trials) for spec in (begun, dry)
+    )
+    for ground in (scene, held):
+        assert found.scaled(ground.trials)[0] > rigid.scaled(ground.trials)[0] + 15.0
+    told = found.model.effects[0].parameters
+    assert told["level"] == pytest.approx(true["level"], rel=0.2)
+    assert told["stiffness"] == pytest.approx(true["stiffness"], rel=0.4)

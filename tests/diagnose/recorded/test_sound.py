@@ -1,0 +1,68 @@
+"""Faults of a recording are told apart, and named before any physics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.recorded.sound import soundness
+from ffl.recordings import Recording
+from ffl.systems import Controller
+
+
+@pytest.fixture(scope="module")
+def clean(stage, record):  # type: ignore[no-untyped-def]
+    return record(stage)[0]
+
+
+def _with(recording: Recording, **columns) -> Recording:  # type: ignore[no-untyped-def]
+    return replace(recording, **columns)
+
+
+def test_sound_recording_is_consistent_to_rounding(stage, clean):  # type: ignore[no-untyped-def]
+    found = soundness(stage, [clean])
+    assert not found.faults
+    assert found.consistency[0] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("kind", "spoil"),
+    [
+        ("unit", lambda r: {"u": 1000.0 * r.u}),
+        ("unit", lambda r: {"y": 0.001 * r.y}),
+        ("sign", lambda r: {"u": -r.u}),
+        ("sign", lambda r: {"y": -r.y}),
+        ("shift", lambda r: {"y": np.concatenate([np.full(7, r.y[0]), r.y[:-7]])}),
+        ("shift", lambda r: {"y": np.concatenate([r.y[9:], np.full(9, r.y[-1])])}),
+        ("clipped_sensor", lambda r: {"y": np.minimum(r.y, 0.8 * r.y.max())}),
+        ("frozen_sensor", lambda r: {"y": np.where(np.arange(len(r)) // 400 == 2, r.y[800], r.y)}),
+    ],
+)
+def test_fault_is_named(stage, clean, kind, spoil):  # type: ignore[no-untyped-def]
+    found = soundness(stage, [_with(clean, **spoil(clean))])
+    assert [f.kind for f in found.faults] == [kind]
+
+
+def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignore[no-untyped-def]
+    c = stage.controller.reference
+    other = replace(stage, controller=Controller.of_error(replace(c, gain=c.gain / 1.25)))
+    fault = soundness(other, [clean]).faults[0]
+    assert fault.kind == "controller"
+    assert "1.25 times" in fault.mend
+
+
+def test_fault_ends_the_diagnosis(stage, clean):  # type: ignore[no-untyped-def]
+    answer = diagnose(stage, [_with(clean, u=-clean.u)]).answer()
+    assert answer["verdict"] == "inconclusive"
+    assert answer["effects"] == []
+    assert "sign of u" in answer["location"]["where"]
+    assert answer["advice"]
+
+
+def test_constant_output_and_too_few_samples_are_inconclusive(stage, clean):  # type: ignore[no-untyped-def]
+    still = _with(clean, y=np.zeros(len(clean)))
+    assert diagnose(stage, [still]).answer()["verdict"] == "inconclusive"
+    assert diagnose(stage, [clean[300:350]]).answer()["verdict"] == "inconclusive"
