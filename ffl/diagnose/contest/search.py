@@ -48,7 +48,7 @@ from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
 from ffl.diagnose.hypothesis.contact import with_other_contact
 from ffl.diagnose.hypothesis.course import courses
 from ffl.diagnose.hypothesis.fit import Fit
-from ffl.diagnose.hypothesis.friction_table import refined
+from ffl.diagnose.hypothesis.friction_table import no_patch, refined
 from ffl.diagnose.hypothesis.harmonics import with_harmonics
 from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.hypothesis.model import Model
@@ -302,6 +302,7 @@ def _one_more(
     ]
     if worthy and base.model.effects and not (quiet.plain or quiet.observed):
         worthy = louder_than_noise(base, worthy)
+    worthy = no_patch(quiet, held, base, worthy, say)
     if not worthy and not base.model.effects and crosses(quiet, base):
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
         worthy = _claimants(quiet, held, base, rivals, threshold)

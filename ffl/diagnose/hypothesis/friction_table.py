@@ -8,7 +8,7 @@ direction and damping are what they are without the table, and the table is what
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from ffl.diagnose.contest.judging import PER_NUMBER, Judged, judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
+from ffl.effects import EFFECTS
 
 NAME = "position_dependent_friction"
 MOST_KNOTS = 33
@@ -68,6 +69,31 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
     return _simple_first(current, tried, say)
 
 
+def no_patch(
+    quiet: Scene,
+    held: Scene | None,
+    base: Judged,
+    rivals: Sequence[Judged],
+    say: Callable[[str], None],
+) -> list[Judged]:
+    """Those of `rivals`, who add an effect to `base`, that are no patch of a table too coarse for what
+    it holds: what goes by position must bring the fitted recordings more than twice the knots do, all
+    numbers charged. (A cogging brought 51 beside a table that twice the knots would bring 113.)"""
+    suspects = [r for r in rivals if "position" in EFFECTS[r.model.names[-1]].depends_on]
+    finer = _finer(base.model) if suspects and NAME in base.model.names else None
+    if finer is None:
+        return list(rivals)
+    bar = _net(judge(quiet, held, finer, 6, base.fit), base)
+    out = [r for r in rivals if r not in suspects or _net(r, base) > bar]
+    if len(out) < len(rivals):
+        say(f"  the table itself with twice the knots: {bar:+.1f} fitted, its numbers charged")
+    return out
+
+
+def _net(other: Judged, base: Judged) -> float:
+    return other.fitted - base.fitted - PER_NUMBER * (other.freedom - base.freedom)
+
+
 def _gain(other: Judged, current: Judged) -> str:
     a, b = levelled([other, current])
     return f"{a.fitted - b.fitted:+.1f} fitted, {a.held_out - b.held_out:+.1f} held out"
@@ -76,7 +102,7 @@ def _gain(other: Judged, current: Judged) -> str:
 def _pays(other: Judged, current: Judged, share: float = SHARE) -> bool:
     """In the fitted and the held-out recordings alike, by a share of the samples of each."""
     other, current = levelled([other, current])
-    fitted = other.fitted - current.fitted - PER_NUMBER * (other.freedom - current.freedom)
+    fitted = _net(other, current)
     held = other.held_out - current.held_out
     n = len(current.held_white)
     return fitted > share * len(current.fit.white) and (held > share * n or not n)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.hypothesis import friction_table
 from ffl.diagnose.hypothesis.fit import surprise
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.effects import EFFECTS
@@ -64,3 +66,25 @@ def test_emps_friction_concealed():  # type: ignore[no-untyped-def]
     overlay = found.proof.overlays[0]
     error = (overlay.y - overlay.y_after)[20:]
     assert UM * np.sqrt(np.mean(error**2)) < 1.4
+
+
+@pytest.mark.parametrize(("finer", "kept"), [(100.0, ["cogging", "drift"]), (250.0, ["drift"])])
+def test_what_goes_by_position_is_no_patch_of_a_coarse_table(monkeypatch, stage, finer, kept):
+    flat = {"grid": [0.0, 0.05], "positive": [1.0, 1.0], "negative": [1.0, 1.0]}
+    model = Model(Base.of(stage, 0.05)).with_effect(
+        EffectSpec(friction_table.NAME, {"table": flat})
+    )
+
+    def reached(model, fitted, freedom):  # type: ignore[no-untyped-def]
+        return SimpleNamespace(model=model, fitted=fitted, freedom=freedom, fit=None)
+
+    monkeypatch.setattr(friction_table, "judge", lambda _q, _h, m, *_: reached(m, finer, 6))
+    rivals = [
+        reached(model.with_effect(EffectSpec(name, {})), 200.0, 7) for name in ("cogging", "drift")
+    ]
+    base, said = reached(model, 0.0, 4), []
+    found = friction_table.no_patch(None, None, base, rivals, said.append)
+    assert [r.model.names[-1] for r in found] == kept
+    assert len(said) == (len(kept) < 2)
+    bare = reached(Model(Base.of(stage, 0.05)), 0.0, 0)
+    assert friction_table.no_patch(None, None, bare, rivals, said.append) == rivals
