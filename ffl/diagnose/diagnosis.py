@@ -31,6 +31,7 @@ from ffl.diagnose.predict.rattling import with_rattling
 from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
+from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import blocks, commanded, prepare, stretches
 from ffl.diagnose.recorded.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
@@ -96,6 +97,7 @@ def _diagnose_output(
     everything, notes = sound.injected_as_sent(model, everything)
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
+    health = replace(health, faults=mistakes(model, everything, health.faults))
     if health.faults:
         return faulty(model, health)
     shortest = min(len(r) for r in everything)

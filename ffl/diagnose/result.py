@@ -36,11 +36,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class ModelCorrection:
-    """A number of the linear model that is slightly off: `relative` to nominal, or in `unit`."""
+    """A number of the linear model that is slightly off: `relative` to nominal, or in `unit`; no
+    `std_error` where it went as far as it may, which is no measurement."""
 
     name: str
     relative: float
-    std_error: float
+    std_error: float | None
     unit: str = ""
 
 

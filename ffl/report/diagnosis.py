@@ -72,7 +72,10 @@ def diagnose_with_report(
 
 def print_answer(answer: Mapping[str, Any]) -> None:
     """The answer in a few lines."""
-    print(f"{answer['verdict']}: {VERDICTS[answer['verdict']]}")
+    said = VERDICTS[answer["verdict"]]
+    if answer["verdict"] == "inconclusive" and "validation" not in answer:
+        said = "Something is to be mended before these recordings can tell."
+    print(f"{answer['verdict']}: {said}")
     for e in answer["effects"]:
         print(f"  {e['name']} ({e['location']}, confidence {e['confidence']:.2f}): {e['says']}")
         numbers = [_with_error(k, n) for k, n in e["parameters"].items() if _plain(n["value"])]
@@ -84,6 +87,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         said = (
             f"{c['relative']:+.3g} {c['unit']}" if "unit" in c else f"{100 * c['relative']:+.3g} %"
         )
+        if "std_error" not in c:
+            said += ", as far as it may go: what stands behind it is something else"
         print(f"  model correction {c['name']}: {said}")
     if answer["location"].get("where"):
         print(f"  where: {answer['location']['where']}")

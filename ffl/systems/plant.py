@@ -94,7 +94,7 @@ class Plant:
         if abs(worst) >= limit and not (self.controller is None and abs(worst) <= limit):
             closed = "closed loop" if self.controller is not None else "open-loop plant"
             mend = (
-                "change the [controller] gain, zeros or poles"
+                "change the [controller] gain (its sign first), zeros or poles, or the plant's own gain"
                 if self.controller is not None
                 else "give a [controller] that stabilises it"
             )

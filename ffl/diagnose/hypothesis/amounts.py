@@ -33,6 +33,8 @@ def sizes(
     u = np.concatenate([run.u for run in runs])
     force = float(np.sqrt(np.mean(u**2))) or 1.0
     out = {"mass": corrections.get("mass", 0.0)}
+    if mechanics.place is not None and not model.base.states_mass:
+        out["mass"] = _of_lag(model, corrections)
     if "damping" in corrections:
         push = mass * corrections["damping"] * float(np.sqrt(np.mean(v**2)))
         out["damping"] = push / force
@@ -41,6 +43,20 @@ def sizes(
         push = k * corrections["stiffness"] * float(np.sqrt(np.mean((x - x.mean()) ** 2)))
         out["stiffness"] = push / force
     return out
+
+
+def _of_lag(model: Model, corrections: Mapping[str, float]) -> float:
+    """A speed whose plant file states no mass has a gain at rest and a lag, and these are what an engineer
+    has slightly wrong: the larger change of the two. (1.5 % of the gain and -2 % of the lag are 3.5 % of a
+    mass that nobody stated.)"""
+    first = model.base.simulator.mechanics.modes[0]
+    damping = modal_terms(model.base.simulator.mechanics, first)[0]
+    whole = damping + corrections.get("damping", 0.0)
+    mass = corrections.get("mass", 0.0)
+    if damping <= 0.0 or whole <= 0.0:
+        return mass
+    gain = damping / whole - 1.0
+    return max(gain, (1.0 + gain) * (1.0 + mass) - 1.0, key=abs)
 
 
 def claims(name: str, size: float) -> bool:

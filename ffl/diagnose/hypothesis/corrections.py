@@ -14,6 +14,7 @@ from ffl.effects import EFFECTS
 # A damping that is nothing but rounding (a free mass from czpk poles at 0: 1e-12/s) is no measure of
 # what was found: beyond a hundred times the stated one the number is given as it is.
 HUNDREDFOLD = 100.0
+AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 
 def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
@@ -41,7 +42,9 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
             out.append(ModelCorrection(c.name, value, float(spread), "1/s"))
             continue
         scale = 1.0 / damping if c.name == "damping" else 1.0
-        out.append(ModelCorrection(c.name, value * scale, float(spread * scale)))
+        ends = any(abs(value - end) < AT_ITS_END * abs(end) for end in (c.lower, c.upper))
+        error = None if ends else float(spread * scale)
+        out.append(ModelCorrection(c.name, value * scale, error))
     return tuple(out)
 
 
@@ -69,6 +72,18 @@ def _of_stated(model: Model, index: int, name: str, spread: float, log: bool):  
         unit = EFFECTS[model.stated[index].name].parameter(name).unit_in(model.base.plant)
         return [ModelCorrection(label, found - stated, abs(error), unit)]
     return [ModelCorrection(label, found / stated - 1.0, abs(error / stated))]
+
+
+def times_as_much(standing: Judged) -> float:
+    """How much more the machine moves per u than the plant file says, mass corrections and changes of mass
+    taken together; 1 for a process or an identified model, whose gain is what it was found to be."""
+    model = standing.model
+    if model.base.is_process or model.base.plant.is_identified:
+        return 1.0
+    changes = [e.parameters["change"] for e in model.effects if e.name == "mass_change"]
+    whole = 1.0 + np.array([model.corrections.get("mass", 0.0), *changes], float)
+    gain = 1.0 + model.corrections.get("gain", 0.0)
+    return float(gain / max(float(np.prod(whole)), 1e-3))
 
 
 def _nominal_damping(model: Model) -> float:

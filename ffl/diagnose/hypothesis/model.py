@@ -58,9 +58,13 @@ class Base:
     @property
     def is_process(self) -> bool:
         """Lags in a row that drive no stated mass: a gain and lags, neither mass nor spring."""
+        return bool(len(lags(self.simulator.mechanics))) and not self.states_mass
+
+    @property
+    def states_mass(self) -> bool:
+        """The plant file knows the mass that moves, or the force that moves it."""
         physics = self.plant.physics
-        stated = physics.mass is not None or physics.motor_constant is not None
-        return bool(len(lags(self.simulator.mechanics))) and not stated
+        return physics.mass is not None or physics.motor_constant is not None
 
 
 @dataclass(frozen=True)

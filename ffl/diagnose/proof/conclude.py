@@ -16,7 +16,7 @@ from ffl.diagnose.contest.line import slight
 from ffl.diagnose.contest.posterior import probabilities
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.corrections import corrections
+from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import Running
 from ffl.diagnose.maps.picture import MapPicture, picture
@@ -26,6 +26,7 @@ from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.prove import prove, run_plant, with_map
 from ffl.diagnose.proof.verdict import LOUD, loudness, verdict
 from ffl.diagnose.recorded import sound, where
+from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.states import linear_share, states
 from ffl.diagnose.recorded.warmth import with_warmth
@@ -40,6 +41,7 @@ SHORTEST = 200  # samples: fewer cannot tell physics from noise
 # Times the held-out nrmse before: names that leave more are not said. Where no noise is stated, all that
 # is left passes for noise, and names that leave no less have shown nothing.
 WORSE = 1.2
+IMPLAUSIBLE = 5.0  # times a mass or a gain: no machine is so far from its model, but a unit may be
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 
@@ -101,6 +103,13 @@ def conclude(
     if another:
         said = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
+    off = times_as_much(standing) if said != "unnamed" else 1.0
+    mistaken = not 1.0 / IMPLAUSIBLE < off < IMPLAUSIBLE
+    if mistaken:
+        said = "inconclusive"
+        place = where.Place(
+            "plant", f"the plant's gain or a unit: {off:.4g} times as much per u", ()
+        )
     raw = quiet.residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
     explained = lost.fitted.scene if lost else quiet
@@ -132,7 +141,7 @@ def conclude(
         if bare is not standing.model or said == "inconclusive"
         else corrections(standing),
         proof=proof,
-        advice=_advice(said, place, experiment, model),
+        advice=(too_large(off),) if mistaken else _advice(said, place, experiment, model),
         experiment=experiment,
         soundness=health,
         steps=tuple(outcome.steps),

@@ -117,10 +117,11 @@ def _nameless(contest: Contest) -> where.Place:
 
 
 def _ports(winner: FreeForm) -> tuple[tuple[str, float], ...]:
-    """Every port with the log-evidence of the best map there, over none."""
+    """Every port with the log-evidence of the best map there, over none; not where no map has any."""
     best: dict[str, float] = {}
     for r in winner.ranking:
-        best[r.port] = max(best.get(r.port, -np.inf), r.evidence)
+        if np.isfinite(r.evidence):
+            best[r.port] = max(best.get(r.port, -np.inf), r.evidence)
     return tuple(sorted(best.items(), key=lambda item: -item[1]))
 
 

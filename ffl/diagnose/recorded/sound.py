@@ -144,7 +144,7 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
         if abs(k + 1) < 0.05:
             return fault(
                 "sign", "the sign of u",
-                "u has the opposite sign: flip it in the mapping, or exchange r and y",
+                "u has the opposite sign: flip it in the mapping",
             )  # fmt: skip
         if abs(np.log10(abs(k))) > 0.9:
             return fault(
@@ -169,17 +169,28 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
             "controller", "the controller's gain",
             f"the controller that ran has {g:.4g} times the stated gain: correct [controller]",
         )  # fmt: skip
-    # y late or early.
-    best, at = stated, 0
-    for shift in [s for k in range(1, SHIFTS) for s in (k, -k)]:
-        moved = np.roll(eq.by_y, -shift)
-        rows = slice(SHIFTS + 200, len(moved) - SHIFTS)
-        part = (eq.u - eq.f - eq.by_r + moved)[rows]
-        part = part - np.mean(part) if eq.free.shape[1] else part
-        size = float(np.sqrt(np.mean(part**2))) / eq.size
-        if size < best:
-            best, at = size, shift
-    if at and best < min(max(0.3 * stated, 1e-4), 0.1):
+    if _exchanged(plant, recording) < good:
+        return fault(
+            "columns", "the columns u and y",
+            "the stated controller gives y from u, not u from y: exchange the two in the mapping",
+        )  # fmt: skip
+    # u late (what the controller gives as a whole), or y late or early.
+    near = min(max(0.3 * stated, 1e-4), 0.1)
+    given = eq.f + eq.by_r - eq.by_y
+    behind, late = min((_moved(eq, eq.u - np.roll(given, k)), k) for k in range(1, SHIFTS))
+    best, at = min(
+        (_moved(eq, eq.u - eq.f - eq.by_r + np.roll(eq.by_y, -s)), s)
+        for k in range(1, SHIFTS)
+        for s in (k, -k)
+    )
+    if behind < min(near, best):
+        plural = "sample" if late == 1 else "samples"
+        return fault(
+            "shift", "the time base",
+            f"u is what the controller gives {late} {plural} later: it takes so long to compute (give "
+            f"[controller] {late} pole{'s'[: late > 1]} at 0 more), or align the columns",
+        )  # fmt: skip
+    if best < near:
         word = "late" if at > 0 else "early"
         return fault(
             "shift", "the time base",
@@ -193,6 +204,19 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
         f"u is not what the stated controller gives ({100 * stated:.3g} % of its RMS is left): check "
         "[controller], the units and the columns, or leave [controller] out",
     )  # fmt: skip
+
+
+def _moved(eq: _Equation, part: Array) -> float:
+    """RMS of what is left of u, in shares of it, away from the ends."""
+    part = part[SHIFTS + 200 : len(part) - SHIFTS]
+    part = part - np.mean(part) if eq.free.shape[1] else part
+    return float(np.sqrt(np.mean(part**2))) / eq.size
+
+
+def _exchanged(plant: Plant, recording: Recording) -> float:
+    """What the controller's equation leaves with u and y exchanged, in shares of u."""
+    other = _Equation(plant, replace(recording, u=recording.y, y=recording.u))
+    return other.left(other.u - other.f - other.by_r + other.by_y)[0]
 
 
 def _local(eq: _Equation, rest: Array, sample_time: float, name: str) -> Fault | None:

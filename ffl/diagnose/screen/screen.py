@@ -244,14 +244,14 @@ class Screen:
         for nonlinear in grid:
             columns = self._shared(effect, place, nonlinear, tables)
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
+            if not gain > 0.0:  # nor where a column is no number
+                continue
             worth = gain - PER_COLUMN * columns.shape[1]
             at = nonlinear.get(effect.valleys, 0.0)
             rival = tops.get(at)
             if rival is not None and worth <= rival.gain - PER_COLUMN * rival.freedom:
                 continue
             if effect.fixed_amount and not 0.2 < coefficients[0] < 5.0:
-                continue
-            if gain <= 0.0:
                 continue
             spec = spec_of(effect, place, coefficients, nonlinear)
             freedom = columns.shape[1]

@@ -17,12 +17,14 @@ from ffl.diagnose.contest.line import (
 )
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.amounts import sizes
+from ffl.diagnose.hypothesis.amounts import claims, sizes
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
+from ffl.recordings import Recording
 from ffl.systems import EffectSpec
+from ffl.systems.plant_file import plant_from_dict
 
 NOISE = Noise(1e-7, 2e-3)
 
@@ -187,3 +189,27 @@ def test_a_number_beyond_the_line_stands_against_who_was_refused(stage, record, 
     assert others == {"viscous_friction", "coulomb_friction"}
     (value,) = true.parameters.values()
     assert next(iter(found.model.effects[0].parameters.values())) == pytest.approx(value, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("gain", "lag", "claimed"),
+    [(0.015, -0.019, False), (0.0, -0.03, True), (0.03, 0.0, True), (-0.018, 0.018, False)],
+)
+def test_a_speed_without_a_stated_mass_has_a_gain_and_a_lag(gain, lag, claimed):
+    """Each of the two within 2 % is no mass of 3.5 %."""
+    plant = plant_from_dict(
+        {
+            "name": "motor", "sample_time": 0.01, "units": {"input": "V", "output": "m/s"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [-4.0], "gain": 4.0},
+        }
+    )  # fmt: skip
+    base = Base.of(plant, 1.0)
+    mass, damping = (1.0 + lag) / (1.0 + gain) - 1.0, 4.0 / (1.0 + gain) - 4.0
+    u = np.repeat([1.0, -1.0, 0.5], 100)
+    trial = prepare(
+        base.simulator, Recording.from_signals(0.01, u=u, y=plant.system.filter(u)), 1e-3
+    )
+    scene = Scene(plant.loop, (trial,), Noise(1e-3, 1e-3))
+    size = sizes(scene, Model(base), {"mass": mass, "damping": damping})["mass"]
+    assert claims("mass", size) is claimed
+    assert abs(size) == pytest.approx(max(abs(gain), abs(lag)), abs=1e-9)

@@ -37,6 +37,8 @@ def test_sound_recording_is_consistent_to_rounding(stage, clean):  # type: ignor
         ("sign", lambda r: {"y": -r.y}),
         ("shift", lambda r: {"y": np.concatenate([np.full(7, r.y[0]), r.y[:-7]])}),
         ("shift", lambda r: {"y": np.concatenate([r.y[9:], np.full(9, r.y[-1])])}),
+        ("shift", lambda r: {"u": np.concatenate([[r.u[0]], r.u[:-1]])}),
+        ("columns", lambda r: {"u": r.y, "y": r.u}),
         ("clipped_sensor", lambda r: {"y": np.minimum(r.y, 0.8 * r.y.max())}),
         ("frozen_sensor", lambda r: {"y": np.where(np.arange(len(r)) // 400 == 2, r.y[800], r.y)}),
     ],
@@ -44,6 +46,15 @@ def test_sound_recording_is_consistent_to_rounding(stage, clean):  # type: ignor
 def test_fault_is_named(stage, clean, kind, spoil):  # type: ignore[no-untyped-def]
     found = soundness(stage, [_with(clean, **spoil(clean))])
     assert [f.kind for f in found.faults] == [kind]
+
+
+def test_a_controller_that_takes_its_time_is_told_from_a_late_output(stage, clean):  # type: ignore[no-untyped-def]
+    late = _with(clean, u=np.concatenate([[clean.u[0]] * 2, clean.u[:-2]]))
+    assert (
+        "u is what the controller gives 2 samples later" in soundness(stage, [late]).faults[0].mend
+    )
+    late = _with(clean, y=np.concatenate([[clean.y[0]] * 2, clean.y[:-2]]))
+    assert "y is 2 samples late" in soundness(stage, [late]).faults[0].mend
 
 
 def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignore[no-untyped-def]

@@ -1,0 +1,109 @@
+"""Is what was recorded what the plant file means? Units, signs and columns that no controller tells.
+
+Where a plant file and a header name units that measure the same, their factor is known. What the model
+makes of u is laid beside y: the same but for a factor that no model is off by, or in open loop for a sign
+or with u and y exchanged, is no physics. What integrates is looked at above a corner, where it forgets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.signal
+
+from ffl.diagnose.recorded.sound import Fault
+from ffl.recordings import Recording
+from ffl.recordings.units import factor_between, looks_like
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+from ffl.systems.zpk import as_state_space
+
+ALIKE = 0.2  # of y's variance: what a factor must leave at most to be all that is wrong
+UNALIKE = 0.5  # and with u and y as they are named, if these are exchanged
+SAME = 0.02  # the same with u and y exchanged
+FACTOR = 3.0  # by which no model is off
+LONGEST = 20000  # samples looked at
+STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
+CORNER = 0.3  # of the mean frequency of u: where that begins
+
+
+def mistakes(
+    plant: Plant, recordings: Sequence[Recording], known: tuple[Fault, ...] = ()
+) -> tuple[Fault, ...]:
+    """What the headers say; else faults `known` by the controller's equation; else what the model
+    says."""
+    named = tuple(fault for r in recordings if (fault := in_other_units(plant, r)))
+    made = (mistaken(plant, r) for r in recordings if not (named or known))
+    return named or known or tuple(fault for fault in made if fault)
+
+
+def in_other_units(plant: Plant, recording: Recording) -> Fault | None:
+    """A header that names another unit for y, r or u than the plant file."""
+    for columns, meant in (("yr", plant.output_unit), ("uf", plant.input_unit)):
+        first = recording.units.get(columns[0], "")
+        factor = factor_between(first, meant) if first and meant else None
+        if factor is None or abs(factor - 1.0) < 1e-9:
+            continue
+        also = " and ".join(c for c in columns if recording.units.get(c) == first)
+        return Fault(
+            recording.source, "unit", f"the unit of {also}",
+            f"the file has {also} in {first}, the plant file in {meant}: give scale = {factor:.6g} and "
+            f'unit = "{meant}" for {also} in the mapping, or state the plant in {first}',
+        )  # fmt: skip
+    return None
+
+
+def mistaken(plant: Plant, recording: Recording) -> Fault | None:
+    """Unit, and in open loop sign or columns, by what the model makes of u."""
+    if plant.effects or "u" in recording.missing or recording.d is not None:
+        return None
+    n = min(len(recording), LONGEST)
+    u, y = recording.u[:n], recording.y[:n]
+    if not np.all(np.isfinite(u)) or (np.abs(plant.system.poles) > 1.0 + 1e-9).any():
+        return None
+    factor, left = _factor(plant, u, y)
+    name, alone = recording.source, plant.controller is None
+    if alone and left < ALIKE and factor < 0:
+        return Fault(
+            name, "sign", "the sign of y",
+            f"y is {factor:.3g} times what the model makes of u: flip y or u in the mapping, or the "
+            "plant's gain",
+        )  # fmt: skip
+    if left < ALIKE and factor > 0 and not 1.0 / FACTOR < factor < FACTOR:
+        return Fault(name, "unit", "the unit of y or u, or the plant's gain", too_large(factor))
+    if alone and left > UNALIKE and _factor(plant, y, u)[1] < SAME:
+        return Fault(
+            name, "columns", "the columns u and y",
+            "u is what the model would make of y: exchange u and y in the mapping",
+        )  # fmt: skip
+    return None
+
+
+def too_large(factor: float) -> str:
+    """What to look at where y per u is `factor` times the model's, by more than a model is off."""
+    known = looks_like(factor)
+    return (
+        f"y is {factor:.4g} times what the model makes of u"
+        + (f" ({known}?)" if known else "")
+        + ": check the gain of the plant file and the units of y and u in the mapping"
+    )
+
+
+def _factor(plant: Plant, drive: Array, out: Array) -> tuple[float, float]:
+    """(k, share of `out`'s variance that is left) of out = k G drive + a constant, once the start is
+    forgotten; above a corner where G integrates."""
+    drive, out = drive - drive[0], out - out[0]
+    power = np.abs(np.fft.rfft(drive - drive.mean())) ** 2
+    cycles = float(power @ np.fft.rfftfreq(len(drive))) / max(float(power.sum()), 1e-300)
+    pole = np.exp(-2.0 * np.pi * CORNER * cycles)
+    for _ in range(int(np.sum(np.abs(plant.system.poles) > STILL))):
+        drive, out = (scipy.signal.lfilter([1.0, -1.0], [1.0, -pole], x) for x in (drive, out))
+    made = np.atleast_1d(as_state_space(plant.system).filter(drive))
+    made, out = made[len(made) // 10 :], out[len(out) // 10 :]
+    made, out = made - made.mean(), out - out.mean()
+    power, whole = float(made @ made), float(out @ out)
+    if power <= 0.0 or whole <= 0.0:
+        return 1.0, 1.0
+    k = float(made @ out) / power
+    return k, max(0.0, 1.0 - k * float(made @ out) / whole)

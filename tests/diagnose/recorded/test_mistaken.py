@@ -1,0 +1,106 @@
+"""Units, signs and columns that no controller tells are said before any physics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose import diagnose
+from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.recorded.mistaken import mistakes
+from ffl.recordings import Recording
+from ffl.systems import EffectSpec
+from ffl.systems.plant_file import plant_from_dict
+
+STEP = 0.01
+MOTOR = {
+    "name": "motor",
+    "sample_time": STEP,
+    "units": {"input": "V", "output": "rad/s"},
+    "plant": {"form": "czpk", "zeros": [], "poles": [-250.0, -4.0], "gain": 20000.0},
+}
+
+
+@pytest.fixture(scope="module")
+def motor():
+    return plant_from_dict(MOTOR)
+
+
+@pytest.fixture(scope="module")
+def driven(motor):
+    """A motor with Coulomb friction and noise, driven in open loop."""
+    rng = np.random.default_rng(1)
+    u = 3.0 * np.repeat(rng.uniform(-1.0, 1.0, 60), 40)
+    y = motor.system.filter(u - 0.01 * np.sign(u)) + 0.05 * rng.standard_normal(len(u))
+    return Recording.from_signals(STEP, u=u, y=y, source="run.csv")
+
+
+@pytest.mark.parametrize(
+    ("kind", "spoil", "mend"),
+    [
+        (None, lambda r: {}, ""),
+        ("sign", lambda r: {"y": -r.y}, "flip"),
+        ("sign", lambda r: {"u": -r.u}, "flip"),
+        ("unit", lambda r: {"y": r.y * 30 / np.pi}, "rpm for rad/s"),
+        ("unit", lambda r: {"u": 1e3 * r.u}, "a thousand"),
+        ("columns", lambda r: {"y": r.u, "u": r.y}, "exchange u and y"),
+    ],
+)
+def test_open_loop(motor, driven, kind, spoil, mend):
+    found = mistakes(motor, [replace(driven, **spoil(driven))])
+    assert [f.kind for f in found] == ([kind] if kind else [])
+    assert all(mend in f.mend for f in found)
+
+
+def test_what_is_merely_nonlinear_is_no_mistake(motor, driven):
+    for y in (np.abs(driven.y), np.clip(driven.y, -20.0, 20.0), 2.2 * driven.y):
+        assert not mistakes(motor, [replace(driven, y=y)])
+
+
+def test_units_of_the_header_against_those_of_the_plant_file(stage, record):  # type: ignore[no-untyped-def]
+    clean = record(stage)[0]
+    for units, said in (
+        ({"y": "mm", "r": "mm"}, "y and r in mm, the plant file in m: give scale = 0.001"),
+        ({"u": "mA"}, "u in mA, the plant file in A: give scale = 0.001"),
+        ({"y": "m", "u": "A"}, ""),
+        ({"y": "counts", "u": "V"}, ""),
+    ):
+        found = mistakes(stage, [replace(clean, units=units)])
+        assert len(found) == bool(said)
+        assert all(said in f.mend for f in found)
+
+
+def test_a_gain_no_machine_is_off_by_is_no_mass(stage, record):  # type: ignore[no-untyped-def]
+    """The controller is right and the loop stable: only the plant's gain is ten times too large."""
+    runs = record(stage)
+    system = replace(stage.system, gain=8.0 * stage.system.gain)
+    answer = diagnose(replace(stage, system=system), runs[:1], runs[1:]).answer()
+    assert answer["verdict"] == "inconclusive"
+    assert answer["effects"] == []
+    assert "the plant's gain" in answer["location"]["where"]
+    assert "y is 0.125 times what the model makes of u: check the gain" in answer["advice"][0]
+
+
+def test_what_a_mass_and_its_change_come_to(stage):  # type: ignore[no-untyped-def]
+    base = Base.of(stage, 0.1)
+    change = EffectSpec("mass_change", {"change": 1.0})
+    model = Model(base, corrections={"mass": 0.25}, effects=(change,))
+    assert times_as_much(SimpleNamespace(model=model)) == pytest.approx(0.4)
+    assert times_as_much(SimpleNamespace(model=Model(base))) == 1.0
+
+
+def test_a_number_at_its_bound_is_no_measurement(stage):  # type: ignore[no-untyped-def]
+    base = Base.of(stage, 0.1)
+    model = Model(base)
+    mass = next(c for c in model.coordinates if c.name == "mass")
+    for value, error in ((mass.lower, None), (0.5, 0.01)):
+        standing = SimpleNamespace(
+            model=replace(model, corrections={"mass": value}),
+            spread=np.full(len(model.theta), 0.01),
+        )
+        (found,) = corrections(standing)
+        assert (found.name, found.relative, found.std_error) == ("mass", value, error)
