@@ -6,6 +6,7 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
+from ffl.effects.modal import moves
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -26,4 +27,6 @@ class ConstantLoad(Effect):
         return np.ones((len(motion.t), 1))
 
     def says(self, values: Parameters, plant: Plant) -> str:
+        if not moves(plant):
+            return f"A constant {self.quantity(values, 'force', plant)} acts beside the input."
         return f"A constant force of {self.quantity(values, 'force', plant)} acts on the machine."

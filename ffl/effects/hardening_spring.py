@@ -6,6 +6,7 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import X0
+from ffl.effects.modal import moves
 from ffl.effects.solve import bulge_of, end_motion, middle_motion, set_curve
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -56,8 +57,9 @@ class HardeningSpring(Effect):
         return np.column_stack([-((motion.x - nonlinear["centre"]) ** 3)])
 
     def says(self, values: Parameters, plant: Plant) -> str:
+        what = "A spring hardens" if moves(plant) else "What drives the output back grows"
         return (
-            f"A spring hardens with the cube of the way from "
+            f"{what} with the cube of the way from "
             f"{self.quantity(values, 'centre', plant)}: "
             f"{self.quantity(values, 'cubic_coefficient', plant)}."
         )

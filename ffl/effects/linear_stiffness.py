@@ -6,6 +6,7 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
+from ffl.effects.modal import moves
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -40,7 +41,10 @@ class LinearStiffness(Effect):
         return values["stiffness"] * np.array([1.0, values["centre"]])
 
     def says(self, values: Parameters, plant: Plant) -> str:
-        return (
-            f"A spring of {self.quantity(values, 'stiffness', plant)} pulls towards "
-            f"{self.quantity(values, 'centre', plant)}."
+        stiffness = self.quantity(values, "stiffness", plant)
+        what = (
+            f"A spring of {stiffness} pulls"
+            if moves(plant)
+            else f"{stiffness} more drive the output"
         )
+        return f"{what} towards {self.quantity(values, 'centre', plant)}."

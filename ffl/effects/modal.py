@@ -23,6 +23,7 @@ _ROTATION = r"k?rpm|(r|rev|1|u|turns)/min|min\^?-1"
 _TRAVEL = r"km/?h|kph|mph|(?-i:kn|kts?)|knots?"  # kN is a force
 
 SPEEDS = re.compile(rf"\s*({_ROTATION}|{_TRAVEL}|({_TURN}|{_WAY}){_PER_TIME})\s*", re.I)
+WAYS = re.compile(rf"\s*({_TURN}|{_WAY})\s*", re.I)
 TURNS = re.compile(rf"\s*({_ROTATION}|({_TURN})({_PER_TIME})?)\s*", re.I)
 
 
@@ -34,6 +35,14 @@ _LOCK = threading.Lock()
 def is_speed(unit: str) -> bool:
     """Whether an output in this unit is a speed: rpm, rad/s, km/h, kn, ticks/s and their like."""
     return SPEEDS.fullmatch(unit) is not None
+
+
+def moves(plant: Plant) -> bool:
+    """Whether the output is a motion, as far as its unit or the plant's physics say: a temperature, a level
+    or a voltage has neither springs nor friction, though it may do as if."""
+    stated = plant.physics.mass is not None or plant.physics.motor_constant is not None
+    unit = plant.output_unit
+    return stated or not unit or is_speed(unit) or WAYS.fullmatch(unit) is not None
 
 
 def force_unit(plant: Plant) -> str:

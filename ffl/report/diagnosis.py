@@ -72,10 +72,7 @@ def diagnose_with_report(
 
 def print_answer(answer: Mapping[str, Any]) -> None:
     """The answer in a few lines."""
-    said = VERDICTS[answer["verdict"]]
-    if answer["verdict"] == "inconclusive" and "validation" not in answer:
-        said = "Something is to be mended before these recordings can tell."
-    print(f"{answer['verdict']}: {said}")
+    print(f"{answer['verdict']}: {_headline(answer['verdict'], 'validation' in answer)}")
     for e in answer["effects"]:
         print(f"  {e['name']} ({e['location']}, confidence {e['confidence']:.2f}): {e['says']}")
         numbers = [_with_error(k, n) for k, n in e["parameters"].items() if _plain(n["value"])]
@@ -96,12 +93,10 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print(f"  formula: {answer['location']['formula']}")
     proof = answer.get("validation")
     if proof:
-        print(
-            f"  held out: nrmse {proof['nrmse_before']:.4g} -> {proof['nrmse_after']:.4g}, noise "
-            f"alone {proof['noise_floor']:.4g}"
-        )
+        after, alone = f"{proof['nrmse_after']:.4g}", f"noise alone {proof['noise_floor']:.4g}"
         if "nrmse_with_map" in proof:
-            print(f"  with the map that has no name: nrmse {proof['nrmse_with_map']:.4g}")
+            after = f"{proof['nrmse_with_map']:.4g} with the map (without it {after})"
+        print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {after}, {alone}")
         if "u_nrmse_after" in proof:
             print(
                 f"  command:  nrmse {proof['u_nrmse_before']:.4g} -> {proof['u_nrmse_after']:.4g}"
@@ -114,6 +109,13 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print_transmission(answer["transmission"])
 
 
+def _headline(verdict: str, proven: bool) -> str:
+    """What a verdict says; one that came before any proof says what is to be done."""
+    if verdict == "inconclusive" and not proven:
+        return "Something is to be mended before these recordings can tell."
+    return VERDICTS[verdict]
+
+
 def _plain(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
@@ -124,13 +126,18 @@ def _with_error(name: str, number: Mapping[str, Any]) -> str:
     unit = "" if number["unit"] in ("", "1") else f" {number['unit']}"
     if not error:
         return f"{name} {value:.4g}{unit}"
+    if error > abs(value):
+        return f"{name} not told ({value:.2g} ± {error:.2g}{unit})"
     digits = int(np.clip(np.ceil(np.log10(max(abs(value) / error, 1.0))) + 2, 2, 8))
     return f"{name} {value:.{digits}g} ± {error:.2g}{unit}"
 
 
 def page_of(d: Diagnosis) -> Page:
     """The page, step by step."""
-    page = Page(f"Diagnosis of {d.plant.name}", f"Verdict: {d.verdict}. {VERDICTS[d.verdict]}")
+    page = Page(
+        f"Diagnosis of {d.plant.name}",
+        f"Verdict: {d.verdict}. {_headline(d.verdict, d.proof is not None)}",
+    )
     with drawing():
         _overview(page, d)
     page.section("Is the recording sound?")

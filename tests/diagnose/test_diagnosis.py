@@ -170,3 +170,27 @@ def test_a_spring_that_pulls_from_where_nobody_was_is_a_spring_and_a_load(stage,
     stiffness, force = found["linear_stiffness"]["stiffness"], found["constant_load"]["force"]
     assert stiffness["value"] == pytest.approx(60.0, abs=4 * stiffness["std_error"])
     assert force["value"] == pytest.approx(12.0, abs=4 * force["std_error"])
+
+
+def test_the_lines_of_an_answer_say_what_stands(capsys):
+    """A number that the data do not see, a map that has no name, a fault that came before any proof."""
+    numbers = {"exponent": {"value": 0.8, "unit": "", "std_error": 1.7}}
+    effect = {
+        "name": "hysteresis", "location": "plant", "confidence": 0.6, "says": "It remembers.",
+        "parameters": numbers, "alternatives": [],
+    }  # fmt: skip
+    answer = {
+        "verdict": "unnamed", "effects": [effect], "location": {}, "advice": [],
+        "model_corrections": [{"name": "mode_1_frequency", "relative": -0.3}],
+        "validation": {
+            "nrmse_before": 0.1, "nrmse_after": 0.2, "nrmse_with_map": 0.01, "noise_floor": 0.005
+        },
+    }  # fmt: skip
+    print_answer(answer)
+    said = capsys.readouterr().out
+    assert "exponent not told (0.8 ± 1.7)" in said
+    assert "mode_1_frequency: -30 %, as far as it may go" in said
+    assert "nrmse 0.1 -> 0.01 with the map (without it 0.2), noise alone 0.005" in said
+    fault = {"verdict": "inconclusive", "effects": [], "location": {}, "advice": ["flip y"]}
+    print_answer({**fault, "model_corrections": []})
+    assert "is to be mended before these recordings can tell" in capsys.readouterr().out

@@ -8,7 +8,7 @@ from ffl.effects import EFFECTS, Motion, check_effects
 from ffl.errors import InputError
 from ffl.machines import SimulatedMachine, Simulator
 from ffl.systems.plant import EffectSpec, Physics, Plant
-from ffl.systems.plant_file import load_plant, save_plant
+from ffl.systems.plant_file import load_plant, plant_from_dict, save_plant
 
 SIMULATOR = Simulator(STAGE)
 NAMES = sorted(set(EFFECTS) - set(FLOW))
@@ -336,3 +336,20 @@ def test_a_table_speaks_of_the_spring_that_may_be_in_it(stiffness, spoken):
     effect = EFFECTS["position_dependent_friction"]
     words = effect.says(effect.check(EffectSpec(effect.name, {"table": table})), STAGE)
     assert ("as by a spring of 30 N/m about 0.02 m" in words) is spoken
+
+
+def test_an_output_that_does_not_move_has_no_springs():
+    heater = plant_from_dict(
+        {
+            "name": "furnace", "sample_time": 10.0, "units": {"input": "W", "output": "°C"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [-0.01], "gain": 0.01},
+        }
+    )  # fmt: skip
+    for name, words in (
+        ("hardening_spring", "What drives the output back grows with the cube"),
+        ("constant_load", "acts beside the input"),
+        ("linear_stiffness", "more drive the output towards"),
+    ):
+        effect = EFFECTS[name]
+        assert words in effect.says(effect.check(spec(name)), heater)
+        assert words not in effect.says(effect.check(spec(name)), STAGE)

@@ -24,7 +24,7 @@ from ffl.diagnose.maps.unnamed import Contest, compare
 from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.prove import prove, run_plant, with_map
-from ffl.diagnose.proof.verdict import LOUD, loudness, verdict
+from ffl.diagnose.proof.verdict import BEYOND, LOUD, loudness, verdict
 from ffl.diagnose.recorded import sound, where
 from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
@@ -84,6 +84,11 @@ def conclude(
     if maps:
         begun = with_starts(held, Running(maps))  # the start too was another's, who stands no more
         proof = with_map(proof, with_warmth(begun, maps), maps)
+        share = (proof.nrmse_with_map or 0.0) / max(proof.noise_floor, 1e-300)
+        if share > BEYOND:
+            notes.append(
+                f"the map leaves {share:.2g} times what noise alone would: it is not the whole of it"
+            )
     effects = standing.model.effects
     trusted = not standing.predicted and not nameless.led
     runs = proof.nrmse_after / proof.noise_floor if trusted and proof.noise_floor > 0 else 1.0
