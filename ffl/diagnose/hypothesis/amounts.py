@@ -11,7 +11,9 @@ import numpy as np
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.linear import modal_terms
 from ffl.diagnose.hypothesis.model import Model
+from ffl.systems.plant import EffectSpec
 
+AS_NONE = 100.0  # times the model's own damping or stiffness, from where on it has as good as none
 LINE = 0.02  # relative mass; share of the RMS force on the plant
 NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
 
@@ -76,6 +78,20 @@ def effect_values(model: Model, name: str) -> dict[str, float]:
         return {"coefficient": mass * value}
     k = modal_terms(mechanics, mechanics.modes[0])[1] * mass
     return {"stiffness": k * value, "centre": 0.0}
+
+
+def of_its_own(model: Model, spec: EffectSpec) -> float | None:
+    """What an added damping or stiffness is of the one that the plant file has; None for other effects, and
+    where it has none."""
+    name = next((n for n, effect in NAMES.items() if effect == spec.name and n != "mass"), None)
+    mechanics = model.base.simulator.mechanics
+    if name is None or not mechanics.modes or name not in {c.name for c in model.base.corrections}:
+        return None
+    own = modal_terms(mechanics, mechanics.modes[0])[name == "stiffness"]
+    scale = mechanics.moving_mass * model.base.simulator.force_per_input
+    value = float(spec.parameters["coefficient" if name == "damping" else "stiffness"])
+    share = value / (own * scale) if own > 0.0 else np.inf
+    return share if abs(share) < AS_NONE else None
 
 
 def netted(scene: Scene, model: Model, name: str) -> Model | None:

@@ -16,6 +16,7 @@ from ffl.diagnose.contest.line import slight
 from ffl.diagnose.contest.posterior import probabilities
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.amounts import of_its_own
 from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import Running
@@ -203,6 +204,9 @@ def _finding(
             if own and not parameter.stepped:
                 error = float(spread * value if c.log else spread)
         numbers[name] = Number(value, unit, error)
+    says, share = effect.says(effect.check(spec), plant), of_its_own(standing.model, spec)
+    if share is not None:
+        says += f" That is {100.0 * share:+.3g} % of the model's own."
     shares = probabilities(spec.name, outcome.contenders, complete)
     own = shares.pop(spec.name)
     others = sorted(shares.items(), key=lambda item: -item[1])
@@ -213,7 +217,7 @@ def _finding(
         spec.options,
         own,
         _p_value(spec.name, outcome.steps),
-        effect.says(effect.check(spec), plant),
+        says,
         tuple((name, p) for name, p in others if p > 1e-3)[:4],
     )
 

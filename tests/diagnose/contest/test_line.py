@@ -17,7 +17,7 @@ from ffl.diagnose.contest.line import (
 )
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.amounts import claims, sizes
+from ffl.diagnose.hypothesis.amounts import claims, of_its_own, sizes
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
@@ -27,6 +27,7 @@ from ffl.systems import EffectSpec
 from ffl.systems.plant_file import plant_from_dict
 
 NOISE = Noise(1e-7, 2e-3)
+FREE = {"name": "free", "plant": {"form": "czpk", "zeros": [], "poles": [0.0, 0.0], "gain": 1.0}}
 
 
 def scene_of(plant, recordings):  # type: ignore[no-untyped-def]
@@ -213,3 +214,25 @@ def test_a_speed_without_a_stated_mass_has_a_gain_and_a_lag(gain, lag, claimed):
     size = sizes(scene, Model(base), {"mass": mass, "damping": damping})["mass"]
     assert claims("mass", size) is claimed
     assert abs(size) == pytest.approx(max(abs(gain), abs(lag)), abs=1e-9)
+
+
+def test_what_is_added_to_a_spring_is_told_as_a_share_of_it():
+    plant = plant_from_dict(
+        {
+            "name": "galvanometer", "sample_time": 1e-3, "units": {"input": "A", "output": "rad"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [[-1.0, 30.0], [-1.0, -30.0]], "gain": 901.0},
+        }
+    )  # fmt: skip
+    model = Model(Base.of(plant, 1.0))
+    for name, key, own in (
+        ("linear_stiffness", "stiffness", 1.0),
+        ("viscous_friction", "coefficient", 2 / 901),
+    ):
+        spec = EffectSpec(name, {key: 0.03 * own, "centre": 0.0})
+        assert of_its_own(model, spec) == pytest.approx(0.03, rel=2e-3)
+    assert of_its_own(model, EffectSpec("coulomb_friction", {"level": 1.0})) is None
+    free = replace(plant, system=plant_from_dict({**FREE, "sample_time": 1e-3}).system)
+    assert (
+        of_its_own(Model(Base.of(free, 1.0)), EffectSpec("linear_stiffness", {"stiffness": 1.0}))
+        is None
+    )
