@@ -64,6 +64,13 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
         return None
     factor, left = _factor(plant, u, y)
     name, alone = recording.source, plant.controller is None
+    back, unlike = _factor(plant, y, u)
+    exchanged = alone and 1.0 / FACTOR < back < FACTOR and unlike < SAME
+    if exchanged and (left > UNALIKE or not 1.0 / FACTOR < factor < FACTOR):
+        return Fault(
+            name, "columns", "the columns u and y",
+            "u is what the model would make of y: exchange u and y in the mapping",
+        )  # fmt: skip
     if alone and left < ALIKE and factor < 0:
         return Fault(
             name, "sign", "the sign of y",
@@ -72,11 +79,6 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
         )  # fmt: skip
     if left < ALIKE and factor > 0 and not 1.0 / FACTOR < factor < FACTOR:
         return Fault(name, "unit", "the unit of y or u, or the plant's gain", too_large(factor))
-    if alone and left > UNALIKE and _factor(plant, y, u)[1] < SAME:
-        return Fault(
-            name, "columns", "the columns u and y",
-            "u is what the model would make of y: exchange u and y in the mapping",
-        )  # fmt: skip
     return None
 
 

@@ -163,17 +163,6 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
                 "unit", "the unit of y",
                 f"y is {factor:.4g} times what the controller saw: correct its unit in the mapping",
             )  # fmt: skip
-    left, (g,), _ = eq.left(eq.u - eq.f, [eq.by_r - eq.by_y])
-    if left < good and abs(g - 1) > 0.01:
-        return fault(
-            "controller", "the controller's gain",
-            f"the controller that ran has {g:.4g} times the stated gain: correct [controller]",
-        )  # fmt: skip
-    if _exchanged(plant, recording) < good:
-        return fault(
-            "columns", "the columns u and y",
-            "the stated controller gives y from u, not u from y: exchange the two in the mapping",
-        )  # fmt: skip
     # u late (what the controller gives as a whole), or y late or early.
     near = min(max(0.3 * stated, 1e-4), 0.1)
     given = eq.f + eq.by_r - eq.by_y
@@ -183,6 +172,24 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
         for k in range(1, SHIFTS)
         for s in (k, -k)
     )
+    left, (g,), _ = eq.left(eq.u - eq.f, [eq.by_r - eq.by_y])
+    alike = left < min(good, behind, best)
+    if alike and abs(np.log10(abs(g) + 1e-300)) > 0.9:
+        return fault(
+            "unit", "the unit of r and y",
+            f"r and y are {1.0 / g:.4g} times what the controller saw: correct their unit in the "
+            "mapping, or the gain of [controller]",
+        )  # fmt: skip
+    if alike and abs(g - 1) > 0.01:
+        return fault(
+            "controller", "the controller's gain",
+            f"the controller that ran has {g:.4g} times the stated gain: correct [controller]",
+        )  # fmt: skip
+    if _exchanged(plant, recording) < good:
+        return fault(
+            "columns", "the columns u and y",
+            "the stated controller gives y from u, not u from y: exchange the two in the mapping",
+        )  # fmt: skip
     if behind < min(near, best):
         plural = "sample" if late == 1 else "samples"
         return fault(
