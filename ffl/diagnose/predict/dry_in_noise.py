@@ -33,6 +33,7 @@ from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
 CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+HINT = 4.0  # of it that plain friction must bring for its other forms to be tried
 TRUSTED = 1.5  # times the stated noise: a filter that needs more leaves more than noise
 LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
@@ -161,7 +162,8 @@ def _forms(
     scene: Scene, held: Scene, begun: Sequence[Model], noises: Sequence[Noise]
 ) -> tuple[Judged | None, list[Judged]]:
     """The best without friction, from where the corrections stand and from nominal, and forms of friction
-    where plain friction foretells best, under that of the `noises` that suits it."""
+    where plain friction foretells best, under that of the `noises` that suits it; nothing where that
+    says no more than none does."""
     trials, told = scene.trials, begun[0]
     base = told.base
     force = _rms([t.u for t in trials]) * base.simulator.force_per_input
@@ -179,13 +181,10 @@ def _forms(
         trials,
     )  # fmt: skip
     bare = plain.model.without(len(told.effects))
-    none = likeliest(
-        [
-            refitted(Slip(m, noise), trials)
-            for m in (*begun, bare)
-            for noise in {plain.noise, *noises}
-        ]
-    )
+    without = [Slip(m, noise) for m in (*begun, bare) for noise in {plain.noise, *noises}]
+    if plain.worth(trials) < refitted(likeliest(without), trials).worth(trials) + HINT:
+        return None, []  # no other form is looked for where the plain one shows nothing
+    none = likeliest([refitted(one, trials) for one in without])
     spec = plain.model.effects[-1]
     level, options = (
         spec.parameters["level"],
