@@ -20,7 +20,7 @@ from ffl.diagnose.contest.judging import SHARE, Judged, credible
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE
+from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE, level_of
 from ffl.diagnose.hypothesis.amounts import claims, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
@@ -33,6 +33,7 @@ from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
 CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+STILL = 0.02  # of a level that stands: force noise below it smooths nothing
 HINT = 4.0  # of it that plain friction must bring for its other forms to be tried
 TRUSTED = 1.5  # times the stated noise: a filter that needs more leaves more than noise
 LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
@@ -55,6 +56,8 @@ def with_dry_friction(
     if company is None:
         return outcome
     if scene.plain or scene.observed or not told.base.plant.machine.states_noise:
+        return outcome
+    if _still(standing.model, prior):
         return outcome
     scene, held = (
         replace(scene, trials=standing.scene.trials),
@@ -122,6 +125,14 @@ def _company(model: Model) -> tuple[EffectSpec, ...] | None:
         return None
     beside = tuple(spec for spec in model.effects if spec.name not in friction)
     return beside if all(spec.name in LINEAR or separable(spec) for spec in beside) else None
+
+
+def _still(model: Model, prior: Noise) -> bool:
+    """A dry friction stands beside which force noise is as good as none: free runs tell its form."""
+    per = model.base.simulator.force_per_input
+    stood = [level_of(spec) for spec in model.effects if spec.name in DRY]
+    noise = per * float(np.hypot(prior.force, prior.force_coloured))
+    return any(level is not None and noise < STILL * level for level in stood)
 
 
 def _louder(noise: Noise, stated: Noise) -> float:

@@ -12,6 +12,7 @@ from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict import dry_in_noise
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.slipping import FORMS, Slip, _beyond, ease, levels
@@ -161,3 +162,15 @@ def test_a_contact_is_told_that_turns_by_more_than_a_radian_in_a_sample(seen):
     told = found.model.effects[0].parameters
     assert told["level"] == pytest.approx(true["level"], rel=0.2)
     assert told["stiffness"] == pytest.approx(true["stiffness"], rel=0.4)
+
+
+def test_on_a_quiet_machine_free_runs_tell_the_form(seen, monkeypatch):
+    scene, held, model = seen(SKEWED)
+    quiet, loud = Noise(1e-7, 2e-3), Noise(1e-7, LOUD)
+    stands = model.with_effect(SKEWED)
+    assert dry_in_noise._still(stands, quiet)
+    assert not dry_in_noise._still(stands, loud)
+    assert not dry_in_noise._still(model, quiet)
+    monkeypatch.setattr(dry_in_noise, "_forms", lambda *_: pytest.fail("no form is to be tried"))
+    before = Outcome(judge(scene, held, stands, 1), [], held, {})
+    assert with_dry_friction(scene, held, before, model, quiet) is before
