@@ -166,7 +166,7 @@ def test_a_contact_is_told_that_turns_by_more_than_a_radian_in_a_sample(seen):
 
 def test_on_a_quiet_machine_free_runs_tell_the_form(seen, monkeypatch):
     scene, held, model = seen(SKEWED)
-    quiet, loud = Noise(1e-7, 2e-3), Noise(1e-7, LOUD)
+    quiet, loud = Noise(1e-7, 5e-4), Noise(1e-7, LOUD)
     stands = model.with_effect(SKEWED)
     assert dry_in_noise._still(stands, quiet)
     assert not dry_in_noise._still(stands, loud)
