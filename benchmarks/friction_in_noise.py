@@ -33,7 +33,9 @@ from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
+from ffl.report.page import COLOURS, drawing, png_bytes, subplots
 from ffl.systems import EffectSpec
+from ffl.systems.atomic import write_bytes
 
 LOUDNESS = (0.03, 0.1, 0.3, 1.0, 3.0)  # RMS force noise over the friction's level
 
@@ -83,15 +85,10 @@ def one(seed: int, loud: float) -> dict[str, float]:
 
 
 def picture(rows: list[dict[str, float]], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.8), layout="constrained")
+    figure, (left, right) = subplots(10.0, 3.8, 1, 2)
     for key, colour, said, shift in (
-        ("free_runs", "#c0504d", "free runs", 0.93),
-        ("filter", "#1f4e79", "a filter that sticks and slips", 1.07),
+        ("free_runs", COLOURS[1], "free runs", 0.93),
+        ("filter", COLOURS[0], "a filter that sticks and slips", 1.07),
     ):
         for axis, value in ((left, key), (right, f"{key}_nats")):
             at = np.array([r["loudness"] for r in rows]) * shift
@@ -106,9 +103,8 @@ def picture(rows: list[dict[str, float]], path: Path) -> None:
     for axis in (left, right):
         axis.set_xscale("log")
         axis.set_xlabel("RMS force noise / level of friction")
-        axis.spines[["top", "right"]].set_visible(False)
-    left.legend(frameon=False, loc="upper left")
-    figure.savefig(path, dpi=120)
+    left.legend(loc="upper left")
+    write_bytes(path, png_bytes(figure))
 
 
 def main() -> None:
@@ -122,7 +118,8 @@ def main() -> None:
         delayed(one)(seed, loud) for loud in LOUDNESS for seed in range(asked.seeds)
     )
     if asked.picture:
-        picture(rows, asked.picture)
+        with drawing():
+            picture(rows, asked.picture)
     if asked.json:
         print(json.dumps(rows))
         return

@@ -173,3 +173,8 @@ class Scene:
         -n/2 (1 + log(mean square)) - log det."""
         size = max(float(np.mean(white**2)), 1e-300)
         return self.worth * (-0.5 * len(white) * (1.0 + float(np.log(size))) - self.log_scale)
+
+    def by_free_run(self, model: Model) -> float:
+        """`likeliest` of what a free run of `model` leaves; minus infinity where it goes astray."""
+        residuals = self.residuals(model)
+        return -np.inf if residuals is None else self.likeliest(self.whiten(residuals))

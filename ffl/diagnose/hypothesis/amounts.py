@@ -13,7 +13,9 @@ from ffl.diagnose.hypothesis.linear import modal_terms
 from ffl.diagnose.hypothesis.model import Model
 from ffl.systems.plant import EffectSpec
 
-AS_NONE = 100.0  # times the model's own damping or stiffness, from where on it has as good as none
+# A damping that is nothing but rounding (a free mass from czpk poles at 0: 1e-12/s) is no measure of
+# what was found: beyond a hundred times the stated one the model has as good as none.
+HUNDREDFOLD = 100.0
 LINE = 0.02  # relative mass; share of the RMS force on the plant
 NAMES = {"mass": "mass_change", "damping": "viscous_friction", "stiffness": "linear_stiffness"}
 
@@ -47,12 +49,17 @@ def sizes(
     return out
 
 
+def own_damping(model: Model) -> float:
+    """What the plant file has of it, per mass (1/s)."""
+    mechanics = model.base.simulator.mechanics
+    return modal_terms(mechanics, mechanics.modes[0])[0] if mechanics.modes else 0.0
+
+
 def _of_lag(model: Model, corrections: Mapping[str, float]) -> float:
     """A speed whose plant file states no mass has a gain at rest and a lag, and these are what an engineer
     has slightly wrong: the larger change of the two. (1.5 % of the gain and -2 % of the lag are 3.5 % of a
     mass that nobody stated.)"""
-    first = model.base.simulator.mechanics.modes[0]
-    damping = modal_terms(model.base.simulator.mechanics, first)[0]
+    damping = own_damping(model)
     whole = damping + corrections.get("damping", 0.0)
     mass = corrections.get("mass", 0.0)
     if damping <= 0.0 or whole <= 0.0:
@@ -84,14 +91,12 @@ def of_its_own(model: Model, spec: EffectSpec) -> float | None:
     """What an added damping or stiffness is of the one that the plant file has; None for other effects, and
     where it has none."""
     name = next((n for n, effect in NAMES.items() if effect == spec.name and n != "mass"), None)
-    mechanics = model.base.simulator.mechanics
-    if name is None or not mechanics.modes or name not in {c.name for c in model.base.corrections}:
+    if name is None or name not in {c.name for c in model.base.corrections}:
         return None
-    own = modal_terms(mechanics, mechanics.modes[0])[name == "stiffness"]
-    scale = mechanics.moving_mass * model.base.simulator.force_per_input
-    value = float(spec.parameters["coefficient" if name == "damping" else "stiffness"])
-    share = value / (own * scale) if own > 0.0 else np.inf
-    return share if abs(share) < AS_NONE else None
+    whole = own_damping(model) if name == "damping" else 1.0
+    key, own = next(iter(effect_values(replace(model, corrections={name: whole}), name).items()))
+    share = float(spec.parameters[key]) / own if own > 0.0 else np.inf
+    return share if abs(share) < HUNDREDFOLD else None
 
 
 def netted(scene: Scene, model: Model, name: str) -> Model | None:

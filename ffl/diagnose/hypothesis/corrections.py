@@ -6,14 +6,11 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
-from ffl.diagnose.hypothesis.linear import modal_terms
+from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, own_damping
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
 
-# A damping that is nothing but rounding (a free mass from czpk poles at 0: 1e-12/s) is no measure of
-# what was found: beyond a hundred times the stated one the number is given as it is.
-HUNDREDFOLD = 100.0
 AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 
@@ -22,7 +19,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
     delay or lag in samples."""
     out = []
     plant = standing.model.base.plant
-    damping = _nominal_damping(standing.model)
+    damping = own_damping(standing.model)
     process = standing.model.base.is_process
     if process:
         out += _gain_at_rest(standing)
@@ -84,8 +81,3 @@ def times_as_much(standing: Judged) -> float:
     whole = 1.0 + np.array([model.corrections.get("mass", 0.0), *changes], float)
     gain = 1.0 + model.corrections.get("gain", 0.0)
     return float(gain / max(float(np.prod(whole)), 1e-3))
-
-
-def _nominal_damping(model: Model) -> float:
-    mechanics = model.base.simulator.mechanics
-    return modal_terms(mechanics, mechanics.modes[0])[0] if mechanics.modes else 0.0

@@ -155,12 +155,8 @@ def _by_free_runs(standing: Judged, best: Judged, scene: Scene, held: Scene, tol
     worth = []
     for ground in (scene, held):
         quiet = replace(ground, worth=1.0).like(best.scene)
-        left = quiet.residuals(told)
-        granted = -np.inf if left is None else quiet.likeliest(quiet.whiten(left))
-        footing = Slip(told, best.scene.noise).scaled(ground.trials)[0] - granted
-        own = replace(ground, worth=1.0).like(standing.scene)
-        left = own.residuals(standing.model)
-        free = -np.inf if left is None else own.likeliest(own.whiten(left))
+        footing = Slip(told, best.scene.noise).scaled(ground.trials)[0] - quiet.by_free_run(told)
+        free = replace(ground, worth=1.0).like(standing.scene).by_free_run(standing.model)
         worth.append(free + (footing if abs(footing) < FOOTING * len(ground.trials) else 0.0))
     return replace(standing, fitted=worth[0], held_out=worth[1])
 
@@ -238,10 +234,4 @@ def _with(model: Model, noise: Noise, name: str, options, **values: Any) -> Slip
 
 def _judged(found: Slip, scene: Scene, held: Scene) -> Judged | None:
     fitted, factor = found.scaled(scene.trials)
-    found = replace(found, noise=found.noise.scaled(factor))
-    fit, ahead = found.fit(scene.trials), found.predict(held.trials)
-    if fit is None or ahead is None:
-        return None
-    own = replace(scene, noise=found.noise)
-    judged = found.scaled(held.trials)[0]
-    return Judged(fit, own, fitted, judged, ahead[0], held, predicted=True)
+    return replace(found, noise=found.noise.scaled(factor)).judged(scene, held, fitted)

@@ -17,6 +17,8 @@ from typing import Self, TypeVar
 
 import numpy as np
 
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, surprise
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
@@ -84,6 +86,17 @@ class Foretold:
             return None
         columns = self.columns(trials, foretold[0])
         return Fit(self.model, foretold[0], columns, columns, "converged")
+
+    def judged(
+        self, scene: Scene, held: Scene, fitted: float, louder: float = 1.0
+    ) -> Judged | None:
+        """As a hypothesis of the contest, under its own noise: of log-likelihood `fitted`, what it leaves
+        of the held-out recordings told as so many times `louder`; None: no such plant."""
+        fit, ahead = self.fit(scene.trials), self.predict(held.trials)
+        if fit is None or ahead is None:
+            return None
+        own, judged = replace(scene, noise=self.noise), self.scaled(held.trials)[0]
+        return Judged(fit, own, fitted, judged, ahead[0] * louder, held, predicted=True)
 
     def worth(self, trials: Sequence[Trial]) -> float:
         """What a search makes most."""

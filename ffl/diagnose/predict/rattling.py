@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import SHARE, Judged
+from ffl.diagnose.contest.judging import SHARE
 from ffl.diagnose.contest.line import SURE
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -67,10 +67,11 @@ def with_rattling(
     found = crossed(found, scene)
     fitted, factor = found.scaled(scene.trials)
     found = replace(found, noise=found.noise.scaled(factor))
-    judged = _judged(found, scene, held, fitted)
+    louder = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
+    judged = found.judged(scene, held, fitted, max(1.0, louder / BELIEVED))
     if judged is None:
         return outcome
-    before = replace(standing, held_out=_plain(standing, held))
+    before = replace(standing, held_out=held.like(standing.scene).by_free_run(standing.model))
     ahead = judged.held_out - before.held_out
     gains = (judged.score - before.score - ahead, ahead, *beyond_prediction(found, scene, held))
     if min(gains) < CLEAR:
@@ -152,22 +153,3 @@ def _mapped(scene: Scene, held: Scene, told: Model) -> bool:
         e is not None and np.mean(ground.like(calm).whiten(e) ** 2) < UNEXPLAINED
         for ground, e in zip((calm, judging), left, strict=True)
     )
-
-
-def _plain(standing: Judged, scene: Scene) -> float:
-    """Log-likelihood of recordings by a free run under the noise that was found, its size left open."""
-    judged = scene.like(standing.scene)
-    residuals = judged.residuals(standing.model)
-    if residuals is None:
-        return -np.inf
-    return judged.likeliest(judged.whiten(residuals))
-
-
-def _judged(found: Hypothesis, scene: Scene, held: Scene, fitted: float) -> Judged | None:
-    fit, ahead = found.fit(scene.trials), found.predict(held.trials)
-    if fit is None or ahead is None:
-        return None
-    own = replace(scene, noise=found.noise)
-    loud = max(found.noise.sensor / scene.noise.sensor, found.noise.force / scene.noise.force)
-    white = ahead[0] * max(1.0, loud / BELIEVED)
-    return Judged(fit, own, fitted, found.scaled(held.trials)[0], white, held, predicted=True)
