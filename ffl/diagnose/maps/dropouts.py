@@ -1,19 +1,27 @@
 """Commands that did not arrive: a bus that loses a packet leaves the drive with what it had.
 
-At a lost sample the drive differs from the command by a[k-1] - u[k], a being what it really got:
-a force that is known in size and sign, at samples that are not. No map of the motion has it, and in
-the mean it passes for a delay of as many samples as the share that is lost. Here the samples are
-found one by one, best first, by what the force does to the whitened residual; the same search for
-forces of the other sign, which nothing makes, says what noise alone would give.
+At a lost sample the drive differs from the command by d = a[k-1] - u[k], a being what it really got: a
+force that is known in size and sign, at samples that are not. No map of the motion has it, and in
+the mean it passes for a delay of as many samples as the share p that is lost. With s the
+correlation of the whitened residual with what a unit force of one sample does to it, of energy P,
+
+    log L(p) = sum_k log((1 - p) + p exp(d_k s_k - d_k^2 P/2))
+
+where the samples' traces do not overlap; where they do, the posterior of every sample is found beside the
+others' expected force, and what is summed bounds the likelihood from below (mean field). So samples that
+are faint by themselves count together. The same likelihood for forces of the other sign, which
+nothing makes, says what mere scatter would give.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.special
 from numba import njit
+from scipy.signal import fftconvolve
 
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, fit
@@ -24,51 +32,69 @@ from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
 
-CERTAIN = 6.0  # log-likelihood that a sample must bring: one in four hundred is lost
-WORTH = 40.0  # log-likelihood that all samples must bring beyond `CERTAIN` each
-# Of it that forces of the other sign may reach: where commands change sign from sample to sample they
-# are another sample's and reach 0.28 of it.
+RATES = (
+    0.01,
+    0.02,
+    0.05,
+    0.1,
+    0.15,
+    0.2,
+    0.25,
+    0.3,
+    0.4,
+    0.5,
+)  # shares of the commands that are tried
+QUIETER = (
+    1.0,
+    0.9,
+    0.8,
+    0.65,
+    0.5,
+    0.35,
+)  # times the mean square left: what noise may be without them
+FIRST = ((0.02, 0.8), (0.1, 0.9), (0.3, 0.9))  # of both, tried before all others
+TURNS = 2  # of the search for both, one after the other
+WORTH = 40.0  # log-likelihood that lost samples must bring beyond those of the other sign
+# Of it that the other sign may reach: where commands change sign from sample to sample they are
+# another sample's and reach 0.28 of it.
 ALIKE = 0.5
-MOST = 0.5  # of the samples that could be seen to be lost: more is a delay
+MOST = 6.0  # times the promise: no sample lost does more than its own force (true ones 0.7 to 4, knocks 40)
 AGAIN = 0.3  # of what is to be expected of recordings that judge, from which they are asked
 ENERGY = 0.999  # of what one sample does to the residual, from which its length is taken
 MEMORY = 2048  # samples of it at most
 PASSES = 2  # once found, the model's own numbers no longer stand in for them
 ROUNDS = 6
+HEATED = (
+    8  # sweeps until the evidence counts in full: who comes first must not take what is another's
+)
+SWEEPS = 14  # of the posteriors, each beside the others'
+FAINT = 3e-3  # of a standard deviation: changes of a sample's force that no other sample feels
 
 
 @dataclass(frozen=True)
 class Search:
-    """`scene` with what the lost samples are worth as loads; `lost` samples of the `able` ones, those that
-    would bring more than `CERTAIN` in the mean; log-likelihood that they bring beyond it, that those
-    of the other sign would, and `promise`: that all samples would in the mean, had they been lost."""
+    """`scene` with the force to be expected of lost samples as loads; the share that is lost (`rate`), the
+    number of those that must have been (`lost`); log-likelihood that they bring (`gain`), that
+    those of the `other` sign would, and `promise`: what this rate brings in the mean."""
 
     scene: Scene
-    lost: int
-    able: float
+    rate: float
+    lost: float
     gain: float
     other: float
     promise: float
 
     @property
     def found(self) -> bool:
-        return self.gain > WORTH and self.other < ALIKE * self.gain
-
-    @property
-    def few(self) -> bool:
-        """No more of each than its own force."""
-        return self.gain < self.promise
-
-    @property
-    def rate(self) -> float:
-        return self.lost / max(self.able, 1.0)
+        more = self.gain - max(self.other, 0.0) > WORTH and self.other < ALIKE * self.gain
+        return more and self.gain < MOST * self.promise
 
 
 @dataclass(frozen=True)
 class Dropouts:
     """`fit` of the model without effects beside what was lost, in the recordings that were fitted and
-    those that judge; `confirmed`: these had to show it and did; `white`, `held_white`: whitened
-    residuals, under the noise of `fitted`."""
+    those that judge; `confirmed`: these had to show it and did; `white`, `held_white`: residuals
+    whitened by the noise of `fitted`, what was lost still in them."""
 
     fit: Fit
     fitted: Search
@@ -78,8 +104,7 @@ class Dropouts:
     held_white: Array
 
     def gains(self, scene: Scene, held: Scene | None, standing: Model) -> tuple[float, float]:
-        """(fitted, held out) log-likelihood over what `standing` leaves of the recordings as they
-        are, less what it costs to say which samples were lost."""
+        """(fitted, held out) log-likelihood over what `standing` leaves of the recordings as they are."""
         rivals = [(scene, self.white, self.fitted)]
         if held is not None and self.held is not None:
             rivals.append((held, self.held_white, self.held))
@@ -88,8 +113,8 @@ class Dropouts:
             quiet = ground.like(self.fitted.scene)
             left = quiet.residuals(standing)
             everything = np.ones(len(white), bool)
-            gained = np.inf if left is None else held_gain(quiet.judge(left), white, everything)
-            out.append(gained - CERTAIN * search.lost)
+            ahead = np.inf if left is None else held_gain(quiet.judge(left), white, everything)
+            out.append(ahead + search.gain)
         return out[0], out[-1]
 
 
@@ -99,7 +124,7 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     trials = [*scene.trials, *(judging.trials if judging else ())]
     if scene.observed or not all(np.all(np.isfinite(t.u)) for t in trials):
         return None
-    model, search = nominal, Search(scene, 0, 0.0, 0.0, 0.0, 0.0)
+    model, search = nominal, Search(scene, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(PASSES):
         found = fit(search.scene, model, rounds=ROUNDS)
         model = found.model
@@ -107,71 +132,121 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
         if residuals is None:
             return None
         noise = least_noise(scene, model, residuals)
-        search = _searched(replace(scene, noise=noise), model, MOST)
-        if search is None or not search.found or not search.few:
+        again = _searched(replace(scene, noise=noise), model, RATES)
+        if again is None or not again.found:
             return None
+        search = again
     found = fit(search.scene, model, rounds=ROUNDS)
-    left = search.scene.residuals(found.model)
+    own = replace(search.scene, trials=scene.trials)
+    left = own.residuals(found.model)
     if left is None:
         return None
-    white = search.scene.whiten(left)
+    white = own.whiten(left)
     if judging is None:
         return Dropouts(found, search, None, False, white, np.zeros(0))
-    again = _searched(judged_by(judging.like(search.scene), found), found.model)
-    if again is None:
+    judge = judged_by(judging.like(own), found)
+    again = _searched(judge, found.model, (search.rate,))
+    left = judge.residuals(found.model)
+    if again is None or left is None:
         return None
-    # Where commands change sign from sample to sample, the other sign is another sample's: it does
-    # much as well, but not all.
-    confirmed = AGAIN * search.rate * again.promise > WORTH
-    if confirmed and again.gain - again.other < WORTH:
+    confirmed = AGAIN * again.promise > WORTH
+    if confirmed and not again.found:
         return None
-    left = again.scene.residuals(found.model)
-    if left is None:
-        return None
-    return Dropouts(found, search, again, confirmed, white, again.scene.judge(left))
+    return Dropouts(found, search, again, confirmed, white, judge.judge(left))
 
 
-def _searched(scene: Scene, model: Model, most: float = np.inf) -> Search | None:
-    """None where the simulation leaves all bounds, or more than the share `most` of the samples that could
-    be seen to be lost would have to be."""
+@dataclass(frozen=True)
+class _Look:
+    """One recording: `seen` (N,), correlation of its whitened residual with a sample's trace; `power`: the
+    trace's own with itself."""
+
+    trial: Trial
+    seen: Array
+    power: Array
+
+    def posterior(self, rate: float, sign: float, square: float) -> tuple[Array, Array, float]:
+        """(probability, expected force of each sample (N,), log-likelihood gained) with noise of mean
+        `square`."""
+        odds = math.log(rate / (1.0 - rate))
+        return _posteriors(
+            self.trial.u, self.seen / square, self.power / square, odds, sign, SWEEPS
+        )
+
+
+def _searched(scene: Scene, model: Model, rates: Sequence[float]) -> Search | None:
+    """At the most likely of the `rates`; None where the simulation leaves all bounds."""
     residuals = scene.residuals(model)
     if residuals is None:
         return None
     cuts = np.cumsum([len(t) for t in scene.trials])[:-1]
-    pieces = np.split(scene.judge(residuals), cuts)
-    looks = []
-    for trial, whitener, white in zip(scene.trials, scene.whiteners, pieces, strict=True):
-        trace = _trace(scene, whitener, len(trial))
-        power = np.correlate(trace, trace, "full")[len(trace) - 1 :]
-        seen = np.correlate(np.append(white, np.zeros(len(trace) - 1)), trace, "valid")
-        looks.append((trial, seen, power))
-    hopes = [expected(0.5 * power[0] * np.diff(trial.u) ** 2) for trial, _, power in looks]
-    able, promise = (sum(numbers) for numbers in zip(*hopes, strict=True))
-    room = most * max(able, 1.0)
-    trials, count, gain, other = [], 0, 0.0, 0.0
-    for trial, seen, power in looks:
-        lost, brought = _pursued(trial.u, seen.copy(), power, CERTAIN, 1.0, room - count)
-        count, gain = count + int(np.sum(lost)), gain + brought
-        if count >= room:
-            return None
-        trials.append(_loaded(trial, lost))
-    if gain > WORTH:
-        other = sum(
-            _pursued(t.u, seen, power, CERTAIN, -1.0, np.inf)[1] for t, seen, power in looks
-        )
-    return Search(replace(scene, trials=tuple(trials)), count, able, gain, other, promise)
+    white = scene.judge(residuals)
+    pieces = np.split(white, cuts)
+    looks = [
+        _look(scene, whitener, trial, piece)
+        for trial, whitener, piece in zip(scene.trials, scene.whiteners, pieces, strict=True)
+    ]
+    square = float(np.mean(white**2))
+
+    def told(rate: float, share: float, sign: float = 1.0) -> float:
+        brought = sum(look.posterior(rate, sign, share * square)[2] for look in looks)
+        return brought - 0.5 * len(white) * (math.log(share) + 1.0 / share - 1.0)
+
+    def best(sign: float) -> tuple[float, float, float]:
+        """(log-likelihood gained, rate, share of the mean square that is noise)."""
+        tried = [p for p in FIRST if p[0] in rates] or [(rates[0], 0.9)]
+        gain, rate, share = max((told(*p, sign), *p) for p in tried)
+        if gain < -WORTH:
+            return gain, rate, share
+        for _ in range(TURNS):
+            gain, share = max((told(rate, s, sign), s) for s in QUIETER)
+            gain, rate = max((told(r, share, sign), r) for r in rates)
+        return gain, rate, share
+
+    gain, rate, share = best(1.0)
+    other = best(-1.0)[0] if gain > WORTH else 0.0
+    trials, lost = [], 0.0
+    for look in looks:
+        probable, force, _ = look.posterior(rate, 1.0, share * square)
+        trials.append(_loaded(look.trial, force))
+        lost += float(np.sum(probable))
+    hoped = promise(looks, rate, share * square)
+    return Search(replace(scene, trials=tuple(trials)), rate, lost, gain, other, hoped)
 
 
-def expected(worth: Array) -> tuple[float, float]:
-    """(samples that bring more than `CERTAIN`, log-likelihood that these bring beyond it), in the mean, had
-    all been lost. A sample's force of this `worth` (N,), m = power d^2/2, brings m + sqrt(2 m) times a
-    standard normal number: of many faint ones some are seen by the luck of the noise."""
-    m = np.maximum(worth, 1e-300)
-    spread = np.sqrt(2.0 * m)
-    above = (m - CERTAIN) / spread
-    seen = scipy.special.ndtr(above)
-    beyond = (m - CERTAIN) * seen + spread * np.exp(-0.5 * above**2) / np.sqrt(2.0 * np.pi)
-    return float(np.sum(seen)), float(np.sum(np.maximum(beyond, 0.0)))
+def _look(scene: Scene, whitener: Whitener, trial: Trial, white: Array) -> _Look:
+    trace = _trace(scene, whitener, len(trial))
+    power = np.correlate(trace, trace, "full")[len(trace) - 1 :]
+    seen = np.correlate(np.append(white, np.zeros(len(trace) - 1)), trace, "valid")
+    return _Look(trial, seen, power)
+
+
+def promise(looks: Sequence[_Look], rate: float, square: float) -> float:
+    """Log-likelihood that lost samples bring in the mean, where this `rate` is lost: of each what tells it
+    from its neighbours, and of all together what a delay of so many samples would bring."""
+    hoped = 0.0
+    for look in looks:
+        d = -np.diff(look.trial.u, prepend=look.trial.u[:1])
+        each = expected(0.5 * look.power[0] / square * d**2, rate)
+        mean = rate * d
+        both = np.concatenate([look.power[:0:-1], look.power])
+        together = mean @ fftconvolve(mean, both)[len(look.power) - 1 :][: len(d)]
+        hoped += float(np.sum(each)) + 0.5 * float(together) / square
+    return hoped
+
+
+def expected(worth: Array, rate: float) -> Array:
+    """Log-likelihood that a sample of this `worth` m = d^2 P/2 (N,) brings in the mean: lost, its
+    likelihood ratio is exp(m + sqrt(2 m) z) with z standard normal, else exp(-m + sqrt(2 m) z)."""
+    z, weights = np.polynomial.hermite_e.hermegauss(41)
+    m = np.geomspace(1e-6, 1e3, 400)[:, None]
+    spread = np.sqrt(2.0 * m) * z
+    share = weights / weights.sum()
+    kept, gone = (
+        np.logaddexp(math.log1p(-rate), math.log(rate) + side * m + spread) @ share
+        for side in (-1.0, 1.0)
+    )
+    brought = rate * gone + (1.0 - rate) * kept
+    return np.interp(np.log(np.maximum(worth, 1e-6)), np.log(m[:, 0]), np.maximum(brought, 0.0))
 
 
 def _trace(scene: Scene, whitener: Whitener, n: int) -> Array:
@@ -184,40 +259,41 @@ def _trace(scene: Scene, whitener: Whitener, n: int) -> Array:
     return trace[: int(np.searchsorted(energy, ENERGY * energy[-1])) + 1]
 
 
-def _loaded(trial: Trial, lost: Array) -> Trial:
-    kept = np.maximum.accumulate(np.where(lost, 0, np.arange(len(lost))))
-    load = trial.u[kept] - trial.u
+def _loaded(trial: Trial, load: Array) -> Trial:
     return replace(trial, load=load if trial.load is None else trial.load + load)
 
 
 @njit(cache=True, nogil=True)
-def _pursued(u, seen, power, certain, sign, most):  # type: ignore[no-untyped-def]
-    """Lost samples, best first until `most`, and the sum of what each brings beyond `certain`. `seen` (N,):
-    correlation of the residual with a sample's trace, changed on the way; `power`: the trace's own.
-    Of neighbours the earlier may be found later: what the drive kept then changes for both."""
+def _posteriors(u, seen, power, odds, sign, sweeps):  # type: ignore[no-untyped-def]
+    """(probability that each sample was lost, expected force, lower bound of the log-likelihood gained).
+
+    `seen` (N,): correlation of the residual with a sample's trace; `power`: the trace's own. What the
+    drive kept is followed by its mean."""
     n, reach = len(u), len(power)
-    lost = np.zeros(n, np.bool_)
-    applied = u.copy()
-    brought = 0.0
-    for done in range(n):
-        if done >= most:
-            break
-        best, at = certain, -1
+    rate = 1.0 / (1.0 + np.exp(-odds))
+    lost, force, left = np.full(n, rate), np.zeros(n), seen.copy()
+    least = FAINT / np.sqrt(power[0])
+    for sweep in range(-1, sweeps):
+        trust = min(1.0, (sweep + 1.0) / HEATED)
+        kept = u[0]
         for k in range(1, n):
-            if not lost[k]:
-                d = sign * (applied[k - 1] - u[k])
-                gain = d * seen[k] - 0.5 * d * d * power[0]
-                if gain > best:
-                    best, at = gain, k
-        if at < 0:
-            break
-        brought += best - certain
-        lost[at] = True
-        k = at
-        while k < n and lost[k]:
-            change = sign * (applied[k - 1] - applied[k])
-            applied[k] = applied[k - 1]
-            for j in range(max(0, k - reach + 1), min(n, k + reach)):
-                seen[j] -= change * power[abs(j - k)]
-            k += 1
-    return lost, brought
+            d = sign * (kept - u[k])
+            own = left[k] + force[k] * power[0]
+            worth = d * own - 0.5 * d * d * power[0]
+            lost[k] = 1.0 / (1.0 + np.exp(-(odds + trust * worth)))
+            change = lost[k] * d - force[k]
+            if abs(change) > least:
+                for j in range(max(0, k - reach + 1), min(n, k + reach)):
+                    left[j] -= change * power[abs(j - k)]
+                force[k] += change
+            kept = lost[k] * kept + (1.0 - lost[k]) * u[k]
+    gain, kept = 0.0, u[0]
+    for k in range(1, n):
+        p, d = lost[k], kept - u[k]
+        gain += 0.5 * force[k] * (seen[k] + left[k]) - 0.5 * d * d * p * (1.0 - p) * power[0]
+        if p > 0.0:
+            gain -= p * np.log(p / rate)
+        if p < 1.0:
+            gain -= (1.0 - p) * np.log((1.0 - p) / (1.0 - rate))
+        kept = p * kept + (1.0 - p) * u[k]
+    return lost, force, gain

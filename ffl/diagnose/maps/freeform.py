@@ -39,7 +39,7 @@ TRIED = 6  # maps of the screen that are simulated
 FINISHED = 2  # of them, fitted to convergence
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
 RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
-HELD_WORTH = 15.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
+HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
 

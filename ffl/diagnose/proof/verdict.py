@@ -87,7 +87,7 @@ def _nameless(contest: Contest) -> where.Place:
     winner = contest.winner
     if contest.lost is not None:
         search = contest.lost.fitted
-        said = f"{search.lost} of {search.scene.samples} samples, as far as they can be told"
+        said = f"{search.lost:.0f} of {search.scene.samples} samples, as far as they can be told"
         return where.Place(
             "timing",
             f"commands that did not arrive, the drive keeping the one before: at {said}",
