@@ -13,6 +13,7 @@ from ffl.effects.dead_zone import DeadZone
 from ffl.effects.drift import Drift
 from ffl.effects.encoder_ripple import EncoderRipple
 from ffl.effects.flexible_mode import FlexibleMode
+from ffl.effects.gravity_torque import GravityTorque
 from ffl.effects.hardening_spring import HardeningSpring
 from ffl.effects.hysteresis import Hysteresis
 from ffl.effects.input_delay import InputDelay
@@ -52,6 +53,7 @@ EFFECTS: dict[str, Effect] = {
         Cogging(),
         LinearStiffness(),
         HardeningSpring(),
+        GravityTorque(),
         PositionDependentGain(),
         QuadraticDrag(),
         Backlash(),

@@ -144,6 +144,11 @@ ORACLE = {
         Case(force=lambda t, x, v, z: -1e6 * (x - 0.001) ** 3),
         2e-9,
     ),
+    "gravity_torque": (
+        {"amplitude": 200.0, "centre": -0.4},
+        Case(force=lambda t, x, v, z: -200.0 * np.sin(x + 0.4)),
+        2e-9,
+    ),
     "position_dependent_gain": (
         {"linear_coefficient": 10.0, "quadratic_coefficient": -100.0, "centre": 0.01},
         Case(drive=lambda u, x, z: u * (1 + 10 * (x - 0.01) - 100 * (x - 0.01) ** 2)),

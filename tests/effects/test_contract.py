@@ -36,6 +36,7 @@ SMALL = {
     "cogging": ({"amplitude": 1e-4, "period": 0.005, "phase": 0.3}, {"period": 0.005}),
     "linear_stiffness": ({"stiffness": 0.01, "centre": 0.002}, {}),
     "hardening_spring": ({"cubic_coefficient": 10.0, "centre": 0.001}, {"centre": 0.001}),
+    "gravity_torque": ({"amplitude": 1e-4, "centre": 0.3}, {}),
     "position_dependent_gain": (
         {"linear_coefficient": 1e-4, "quadratic_coefficient": 1e-3, "centre": 0.01},
         {"centre": 0.01},
@@ -168,8 +169,8 @@ def test_describes_itself(name):
         assert parameter.lower < parameter.upper
 
 
-PUSHES = ("constant_load", "cogging", "linear_stiffness", "hardening_spring", "encoder_ripple",
-          "periodic_disturbance", "drift")  # fmt: skip
+PUSHES = ("constant_load", "cogging", "gravity_torque", "linear_stiffness", "hardening_spring",
+          "encoder_ripple", "periodic_disturbance", "drift")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - set(PUSHES)))

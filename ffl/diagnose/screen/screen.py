@@ -65,6 +65,7 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
         "cogging",
         "linear_stiffness",
         "hardening_spring",
+        "gravity_torque",
         "position_dependent_friction",
         "position_dependent_gain",
     }
@@ -207,6 +208,8 @@ class Screen:
         if effect.port == "flow":
             return flow_places(self.model, effect)
         if effect.of_processes and not self.model.base.is_process:
+            return []
+        if effect.of_angles and self.model.base.plant.output_unit != "rad":
             return []
         if effect.port == "command" and "position" in effect.depends_on:
             return drive_places(self.model)
