@@ -10,7 +10,7 @@ from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import COMMIT, X0, X1
 from ffl.effects.paths import bouc_wen, bouc_wen_step
 from ffl.effects.solve import end_motion, set_line
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("saturating", "hardening")
@@ -68,6 +68,10 @@ class Hysteresis(Effect):
     siblings = ("presliding_friction", "coulomb_friction", "linear_stiffness", "backlash")
     law = staticmethod(_law)
     remembers = True
+
+    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+        """What no travel turns around is a spring that bends, not a loop."""
+        return spec.options.get("kind") == KINDS[1] or spec.parameters["displacement"] < travel
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         return [*super().pack(values, setting), float(setting.options.get("kind") == KINDS[1])]

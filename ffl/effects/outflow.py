@@ -74,10 +74,13 @@ class Outflow(Effect):
         return [Part(place, None, _law, packed) for place in places]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
-        low = float(motion.x.min())
+        """A linear model holds at its operating point, 0, or where it was identified."""
+        below = float(motion.x.min()) - motion.span * np.array([0.02, 0.15, 0.4, 1.0])
         return [
-            {"empty": low - share * motion.span, "centre": motion.middle}
-            for share in (0.02, 0.15, 0.4, 1.0)
+            {"empty": float(empty), "centre": centre}
+            for centre in (0.0, motion.middle)
+            for empty in below
+            if empty < centre
         ]
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]

@@ -7,6 +7,10 @@ from numba import njit
 
 from ffl.systems.state_space import Array
 
+RUNAWAY = (
+    1e6  # times the force over one displacement, from which what hardens is followed no farther
+)
+
 
 @njit(cache=True, error_model="numpy")  # called from outside kernels too
 def bouc_wen_step(z, move, displacement, exponent, beta, hardens=0.0):  # type: ignore[no-untyped-def]
@@ -26,18 +30,37 @@ def bouc_wen_step(z, move, displacement, exponent, beta, hardens=0.0):  # type: 
     w = side * z  # along the motion: dw/dlength = 1 - |w|^n (1 - beta + beta sign(w))
     if exponent == 1.0:
         return side * _linear_step(w, length, way_back, way_out)
-    most = 1.0 if hardens == 0.0 else 1e6
-    if w >= most * (1.0 - 1e-13):
+    if hardens != 0.0:
+        return side * _hardened(w, length, exponent, way_back, way_out)
+    if w >= 1.0 - 1e-13:
         return side * w
     pieces = int(length / 0.25) + 1
     h = length / pieces
     for _ in range(pieces):
-        k1 = _rate(w, exponent, way_back, way_out)
-        k2 = _rate(w + 0.5 * h * k1, exponent, way_back, way_out)
-        k3 = _rate(w + 0.5 * h * k2, exponent, way_back, way_out)
-        k4 = _rate(w + h * k3, exponent, way_back, way_out)
-        w = min(w + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0, most)
+        w = min(_advanced(w, h, exponent, way_back, way_out), 1.0)
     return side * w
+
+
+@njit(error_model="numpy")
+def _advanced(w, h, exponent, way_back, way_out):  # type: ignore[no-untyped-def]
+    """w after a piece h of the way, by Runge and Kutta."""
+    k1 = _rate(w, exponent, way_back, way_out)
+    k2 = _rate(w + 0.5 * h * k1, exponent, way_back, way_out)
+    k3 = _rate(w + 0.5 * h * k2, exponent, way_back, way_out)
+    k4 = _rate(w + h * k3, exponent, way_back, way_out)
+    return w + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+
+
+@njit(error_model="numpy")
+def _hardened(w, length, exponent, way_back, way_out):  # type: ignore[no-untyped-def]
+    """What hardens leaves all bounds after a finite way: pieces over which w changes by a quarter of itself
+    at most, up to `RUNAWAY`."""
+    while length > 0.0 and w < RUNAWAY:
+        rate = _rate(w, exponent, way_back, way_out)
+        h = min(length, 0.25, 0.25 * max(1.0, abs(w)) / rate)
+        w = _advanced(w, h, exponent, way_back, way_out)
+        length -= h
+    return min(w, RUNAWAY)
 
 
 @njit(error_model="numpy")
