@@ -36,30 +36,43 @@ def find_head(lines: Sequence[str]) -> Head | None:
         row = split_line(lines[k], separator)
         if not _is_row(row):
             continue
-        above, over = (
-            split_line(at.lstrip(MARKS), separator) for at in (lines[k - 1], lines[k - 2])
-        )
-        if len(row) != len(above) or not _is_text(above):
-            return None
-        if k > 1 and len(over) == len(row) and all(over) and _is_text(over) and _are_units(above):
-            units = tuple(cell.strip("[]() ") for cell in above)
-            return Head(k - 2, separator, units)
-        return Head(k - 1, separator)
+        above = [split_line(at.lstrip(MARKS), separator) for at in lines[max(k - 2, 0) : k]]
+        found = header_above(row, above)
+        return None if found is None else Head(k - found[0], separator, found[1])
     return None
 
 
-def _is_value(cell: str) -> bool:
+def header_above(
+    row: Sequence[str], above: Sequence[Sequence[str]]
+) -> tuple[int, tuple[str, ...]] | None:
+    """How many rows of cells above a row of numbers the header stands, 1 or 2, and the units between
+    them where it is 2; `above` are the rows before it, the last one nearest. None where the nearest is
+    no header.
+
+    >>> header_above(["0", "1"], [["t", "u"], ["[s]", "[V]"]])
+    (2, ('s', 'V'))
+    """
+    near = above[-1]
+    if len(row) != len(near) or not _is_text(near):
+        return None
+    over = above[-2] if len(above) > 1 else ()
+    if len(over) == len(row) and all(over) and _is_text(over) and _are_units(near):
+        return 2, tuple(cell.strip("[]() ") for cell in near)
+    return 1, ()
+
+
+def is_value(cell: str) -> bool:
     return is_number(cell.replace(",", ".")) or is_stamp(cell)
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Numbers or dates; cells may be empty."""
+    """Numbers or dates; cells may be empty, but not all."""
     filled = [cell for cell in cells if cell]
-    return bool(filled) and all(_is_value(cell) for cell in filled)
+    return bool(filled) and all(is_value(cell) for cell in filled)
 
 
 def _is_text(cells: Sequence[str]) -> bool:
-    return not any(_is_value(cell) for cell in cells if cell)
+    return not any(is_value(cell) for cell in cells if cell)
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Dates and clock times as text, as loggers write them, in seconds."""
+"""Dates and clock times, as text the way loggers write them and as numpy keeps them, in seconds."""
 
 from __future__ import annotations
 
@@ -45,6 +45,18 @@ def seconds(cells: Sequence[str]) -> Array | int:
     days = min(tried, key=lambda days: max(days.values()) - min(days.values()))
     at = np.array([days[m.group("a", "mark", "b", "c")] for m in found])
     return clock + DAY * (at - at[0])
+
+
+def since_midnight(stamps: Array) -> Array:
+    """numpy's dates as seconds since midnight of the first, its durations as seconds; NaN where one
+    is not a time.
+
+    >>> since_midnight(np.array(["2024-02-28T23:59:50", "2024-02-29T00:00:00"], "M8[ms]"))
+    array([86390., 86400.])
+    """
+    if stamps.dtype.kind == "M" and stamps.size:
+        stamps = stamps - stamps.ravel()[0].astype("M8[D]")
+    return stamps.astype(f"m8[{np.datetime_data(stamps.dtype)[0]}]") / np.timedelta64(1, "s")
 
 
 def _clock(match: re.Match[str]) -> float:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ffl.errors import InputError
+from ffl.recordings.stamps import since_midnight
 from ffl.systems.plant_file import suggest
 
 Array = np.ndarray
@@ -28,6 +31,7 @@ class Table:
     load : names -> arrays as the file holds them, any shape; reads no more than it is asked for
     units : units that the file itself states, by name
     where : sample index -> the place in the file, e.g. "line 12"
+    aliases : other names -> names, e.g. `group.channel` of a channel whose own name is unique
     """
 
     source: str
@@ -35,6 +39,7 @@ class Table:
     load: Callable[[Sequence[str]], Mapping[str, Array]]
     units: Mapping[str, str]
     where: Callable[[int], str]
+    aliases: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # A damaged file may hold names with line ends; nobody can map one, and errors are one line.
@@ -42,9 +47,11 @@ class Table:
 
     def find(self, name: str) -> str | None:
         """The file's own spelling of a name: as it stands, or with its unit: `pos` of `pos [mm]`."""
-        spellings = [n for n in self.names if n == name] or [
-            n for n in self.names if split_unit(n)[0] == name
+        known = [*self.names, *self.aliases]
+        spellings = [n for n in known if n == name] or [
+            n for n in known if split_unit(n)[0] == name
         ]
+        spellings = [self.aliases.get(n, n) for n in spellings]
         if len(spellings) > 1:
             raise InputError(
                 f"{self.source}: column '{name}' stands there {len(spellings)} times; rename all "
@@ -76,8 +83,12 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 
 def as_numbers(values: object, name: str, source: str) -> Array:
-    """A real float array without singleton dimensions, at most two-dimensional."""
+    """A real float array without singleton dimensions, at most two-dimensional; dates in seconds since
+    midnight of the first, as text of dates is read."""
     array = np.asarray(values)
+    if array.dtype.kind in "mM":
+        with suppress(TypeError, OverflowError):  # years, months, attoseconds
+            array = since_midnight(array)
     if array.dtype.kind not in "biuf":
         raise InputError(
             f"{source}: '{name}' does not hold real numbers (it is {array.dtype}); map another name"
@@ -89,6 +100,23 @@ def as_numbers(values: object, name: str, source: str) -> Array:
             "sample, or a table of them"
         )
     return array
+
+
+def shortest(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Names and aliases of (group, channel) pairs: a channel's own name where no other group has it,
+    with `group.channel` as its alias; `group.channel` alone where several have it.
+
+    >>> shortest([("a", "t"), ("a", "y"), ("b", "y")])
+    (('t', 'a.y', 'b.y'), {'a.t': 't'})
+    """
+    bare = [(group, split_unit(channel)[0]) for group, channel in pairs]
+    often = Counter(
+        channel for _, channel in set(bare)
+    )  # twice in one group is for `find` to refuse
+    unique = [often[channel] == 1 for _, channel in bare]
+    names = tuple(c if alone else f"{g}.{c}" for (g, c), alone in zip(pairs, unique, strict=True))
+    aliases = {f"{g}.{c}": c for (g, c), alone in zip(pairs, unique, strict=True) if alone}
+    return names, aliases
 
 
 def sample(index: int) -> str:
