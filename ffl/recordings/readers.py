@@ -8,6 +8,7 @@ from pathlib import Path
 from ffl.errors import InputError
 from ffl.recordings.csv_reader import read_csv
 from ffl.recordings.hdf5_reader import read_hdf5
+from ffl.recordings.lvm_reader import read_lvm
 from ffl.recordings.mat_reader import read_mat
 from ffl.recordings.mdf_reader import read_mdf
 from ffl.recordings.npz_reader import read_npz
@@ -20,6 +21,7 @@ READERS: dict[str, Callable[..., Table]] = {
     ".txt": read_csv,
     ".dat": read_csv,
     ".asc": read_csv,
+    ".lvm": read_lvm,
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
@@ -28,7 +30,7 @@ READERS: dict[str, Callable[..., Table]] = {
     ".mf4": read_mdf,
     ".mdf": read_mdf,
 }
-TEXT = frozenset(suffix for suffix, reader in READERS.items() if reader is read_csv)
+TEXT = frozenset(suffix for suffix, reader in READERS.items() if reader in (read_csv, read_lvm))
 
 
 def open_table(path: Path, header: tuple[str, ...] = (), skip_lines: int = 0) -> Table:
