@@ -14,6 +14,7 @@ from ffl.recordings.mdf_reader import read_mdf
 from ffl.recordings.npz_reader import read_npz
 from ffl.recordings.parquet_reader import read_parquet
 from ffl.recordings.table import Table
+from ffl.recordings.tdms_reader import read_tdms
 
 READERS: dict[str, Callable[..., Table]] = {
     ".csv": read_csv,
@@ -29,6 +30,7 @@ READERS: dict[str, Callable[..., Table]] = {
     ".parquet": read_parquet,
     ".mf4": read_mdf,
     ".mdf": read_mdf,
+    ".tdms": read_tdms,
 }
 TEXT = frozenset(suffix for suffix, reader in READERS.items() if reader in (read_csv, read_lvm))
 
