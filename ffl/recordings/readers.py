@@ -15,6 +15,7 @@ from ffl.recordings.npz_reader import read_npz
 from ffl.recordings.parquet_reader import read_parquet
 from ffl.recordings.table import Table
 from ffl.recordings.tdms_reader import read_tdms
+from ffl.recordings.xlsx_reader import read_xlsx
 
 READERS: dict[str, Callable[..., Table]] = {
     ".csv": read_csv,
@@ -23,6 +24,8 @@ READERS: dict[str, Callable[..., Table]] = {
     ".dat": read_csv,
     ".asc": read_csv,
     ".lvm": read_lvm,
+    ".xlsx": read_xlsx,
+    ".xlsm": read_xlsx,
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
