@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ffl.errors import InputError
+from ffl.recordings.arrow_reader import read_arrow
 from ffl.recordings.csv_reader import read_csv
 from ffl.recordings.hdf5_reader import read_hdf5
 from ffl.recordings.lvm_reader import read_lvm
@@ -15,6 +16,7 @@ from ffl.recordings.npz_reader import read_npz
 from ffl.recordings.parquet_reader import read_parquet
 from ffl.recordings.table import Table
 from ffl.recordings.tdms_reader import read_tdms
+from ffl.recordings.wav_reader import read_wav
 from ffl.recordings.xlsx_reader import read_xlsx
 
 READERS: dict[str, Callable[..., Table]] = {
@@ -31,9 +33,12 @@ READERS: dict[str, Callable[..., Table]] = {
     ".hdf5": read_hdf5,
     ".npz": read_npz,
     ".parquet": read_parquet,
+    ".feather": read_arrow,
+    ".arrow": read_arrow,
     ".mf4": read_mdf,
     ".mdf": read_mdf,
     ".tdms": read_tdms,
+    ".wav": read_wav,
 }
 TEXT = frozenset(suffix for suffix, reader in READERS.items() if reader in (read_csv, read_lvm))
 
