@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ffl.errors import InputError
+from ffl.recordings import READERS
 
-RECORDINGS = (".csv", ".mat", ".h5", ".hdf5", ".npz", ".parquet", ".mf4")
+# A note beside a case may be text; a recording among them is not.
+RECORDINGS = frozenset(READERS) - {".txt", ".dat", ".asc"}
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.io.wavfile
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -162,16 +163,39 @@ def _valid(tmp_path, suffix):
     elif suffix == ".h5":
         with h5py.File(path, "w") as file:
             file["t"], file["u"], file["y"] = t, u, y
-    else:
+    elif suffix == ".npz":
         np.savez(path, t=t, u=u, y=y)
+    elif suffix == ".lvm":
+        head = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\nSamples\t50\t50\n"
+        head += "***End_of_Header***\nX_Value\tu\ty\tComment"
+        np.savetxt(path, np.column_stack([t, u, y]), "%.9g", "\t", header=head, comments="")
+    elif suffix == ".wav":
+        scipy.io.wavfile.write(path, 100, np.column_stack([u, y]).astype(np.int16))
+        columns = '[columns]\nt = "t"\nu = "channel_1"\ny = "channel_2"\n'
+        (tmp_path / "damaged.wav.map.toml").write_text(columns)
+    elif suffix == ".xlsx":
+        book = pytest.importorskip("openpyxl").Workbook()
+        for row in [("t", "u", "y"), *np.column_stack([t, u, y]).tolist()]:
+            book.active.append(row)
+        book.save(path)
+    elif suffix == ".tdms":
+        nptdms = pytest.importorskip("nptdms")
+        with nptdms.TdmsWriter(path) as file:
+            pairs = (("t", t), ("u", u), ("y", y))
+            file.write_segment([nptdms.ChannelObject("g", *pair) for pair in pairs])
+    else:
+        feather = pytest.importorskip("pyarrow.feather")
+        feather.write_feather(pytest.importorskip("pyarrow").table({"t": t, "u": u, "y": y}), path)
     return path
 
 
 @settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
-    suffix=st.sampled_from([".csv", ".mat", ".h5", ".npz"]),
+    suffix=st.sampled_from(
+        [".csv", ".mat", ".h5", ".npz", ".lvm", ".wav", ".xlsx", ".tdms", ".feather"]
+    ),
     where=st.floats(0, 1),
     junk=st.binary(max_size=20),
     cut=st.booleans(),

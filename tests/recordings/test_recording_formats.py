@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.io.wavfile
 
 from ffl.errors import InputError
 from ffl.recordings import (
@@ -66,6 +67,56 @@ def _mdf(path, x):
         file.save(path)
 
 
+def _lvm(path, x):
+    names = ("r", "f", "u", "y")
+    lines = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tOne"]
+    lines += ["***End_of_Header***", f"Samples{f'{chr(9)}{len(x)}' * 4}", "Y_Unit_Label\t\t\t\tm"]
+    lines += [
+        "***End_of_Header***",
+        "\t".join(["X_Value", *(f"rec.{n}" for n in names), "Comment"]),
+    ]
+    table = np.column_stack([x.t, *(getattr(x, n) for n in names)])
+    path.write_text("\n".join(lines + ["\t".join(map(repr, row)) for row in table.tolist()]))
+
+
+def _xlsx(path, x):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append([f"rec.{n} [m]" if n == "y" else f"rec.{n}" for n in REQUIRED])
+    for row in np.column_stack([getattr(x, n) for n in REQUIRED]).tolist():
+        book.active.append(row)
+    book.save(path)
+
+
+def _tdms(path, x):
+    nptdms = pytest.importorskip("nptdms")
+    clock = {"wf_increment": x.sample_time, "wf_start_offset": 0.0}
+    with nptdms.TdmsWriter(path) as file:
+        for name in ("r", "f", "u", "y"):
+            properties = clock | ({"unit_string": "m"} if name == "y" else {})
+            channel = nptdms.ChannelObject("rec", name, getattr(x, name), properties=properties)
+            file.write_segment([channel])
+
+
+def _wav(path, x):
+    samples = np.column_stack([getattr(x, name) for name in ("r", "f", "u", "y")])
+    scipy.io.wavfile.write(path, round(1 / x.sample_time), samples)
+
+
+def _arrow(path, x):
+    pyarrow = pytest.importorskip("pyarrow")
+    table = pyarrow.table({f"rec.{name}": getattr(x, name) for name in REQUIRED})
+    if path.suffix == ".feather":
+        pytest.importorskip("pyarrow.feather").write_feather(table, path)
+    else:
+        with pyarrow.ipc.new_stream(path, table.schema) as stream:
+            stream.write_table(table)
+
+
+CLOCKS = (".mf4", ".lvm", ".tdms", ".wav")
+"""Formats that state a sample time, from which `t` comes."""
+UNITS = (".h5", ".mf4", ".lvm", ".tdms", ".xlsx")
+
 WRITERS = {
     "x.csv": _csv,
     "a.mat": _mat5,
@@ -73,7 +124,13 @@ WRITERS = {
     "x.h5": _hdf5,
     "x.npz": _npz,
     "x.parquet": _parquet,
+    "x.feather": _arrow,
+    "x.arrow": _arrow,
     "x.mf4": _mdf,
+    "x.lvm": _lvm,
+    "x.xlsx": _xlsx,
+    "x.tdms": _tdms,
+    "x.wav": _wav,
 }
 
 
@@ -82,8 +139,12 @@ def test_same_bits_from_every_format(tmp_path, recording, same_bits, name):
     path = tmp_path / name
     WRITERS[name](path, recording)
     if path.suffix != ".csv":
-        time = "t" if path.suffix == ".mf4" else "rec.t"
-        lines = [f'{c} = "rec.{c}"' for c in ("r", "f", "u", "y")]
+        time = "t" if path.suffix in CLOCKS else "rec.t"
+        own = {
+            c: f"channel_{k}" if path.suffix == ".wav" else f"rec.{c}"
+            for k, c in enumerate("rfuy", 1)
+        }
+        lines = [f'{c} = "{name}"' for c, name in own.items()]
         (tmp_path / f"{path.stem}.map.toml").write_text(
             "\n".join(["[columns]", f't = "{time}"', *lines])
         )
@@ -91,8 +152,12 @@ def test_same_bits_from_every_format(tmp_path, recording, same_bits, name):
     assert read.sample_time == 1e-3
     assert not read.missing
     for column in REQUIRED:
-        assert same_bits(getattr(read, column), getattr(recording, column)), column
-    if path.suffix in (".h5", ".mf4"):
+        one, other = getattr(read, column), getattr(recording, column)
+        if path.suffix == ".xlsx":  # openpyxl writes 16 digits
+            assert one == pytest.approx(other, rel=2e-16), column
+        else:
+            assert same_bits(one, other), column
+    if path.suffix in UNITS:
         assert read.units["y"] == "m"
 
 
@@ -132,12 +197,20 @@ def test_every_suffix_has_a_test():
         ".asc",
         ".hdf5",
         ".mdf",
+        ".xlsm",
     }
 
 
 @pytest.mark.parametrize(
     ("suffix", "module", "extra"),
-    [(".parquet", "pyarrow", "parquet"), (".mf4", "asammdf", "mdf")],
+    [
+        (".parquet", "pyarrow", "parquet"),
+        (".feather", "pyarrow", "parquet"),
+        (".arrow", "pyarrow", "parquet"),
+        (".mf4", "asammdf", "mdf"),
+        (".tdms", "nptdms", "tdms"),
+        (".xlsx", "openpyxl", "xlsx"),
+    ],
 )
 def test_missing_extra_is_named(tmp_path, monkeypatch, suffix, module, extra):
     path = tmp_path / f"x{suffix}"
