@@ -28,16 +28,19 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         free = -p[0] * bouc_wen_step(s[0], xa - io[X0], p[1], p[2], p[3], p[4])
         low, high = min(free, 0.0), max(free, 0.0)
     for _ in range(60):
-        z1 = bouc_wen_step(s[0], xa + gx * force - io[X0], p[1], p[2], p[3], p[4])
+        move = xa + gx * force - io[X0]
+        z1 = bouc_wen_step(s[0], move, p[1], p[2], p[3], p[4])
         error = force + p[0] * z1
         if error > 0.0:
             high = force
         else:
             low = force
-        # Slope of z along the motion, near enough for Newton.
-        share = 1.0 - (1.0 - 2.0 * p[4]) * abs(z1) ** p[2]
+        way = 1.0 - 2.0 * p[4]  # slope of z along the motion, outwards or back
+        if (z1 < 0.0) == (move >= 0.0):
+            way *= 1.0 - 2.0 * way * p[3]
+        share = 1.0 - way * abs(z1) ** p[2]
         following = force - error / (1.0 + p[0] / p[1] * gx * share)
-        if abs(following - force) <= 1e-12 * p[0]:
+        if abs(following - force) <= 1e-12 * max(p[0], abs(force)):
             force = following
             break
         force = following if low < following < high else 0.5 * (low + high)
@@ -80,7 +83,8 @@ class Hysteresis(Effect):
         return [0.0, 0.0]
 
     def after_travel(self, state, packed, travel):  # type: ignore[no-untyped-def]
-        return [bouc_wen_step(0.0, travel, *packed[1:]), state[1]]
+        known = travel if not packed[4] else np.clip(travel, -packed[1], packed[1])  # it runs away
+        return [bouc_wen_step(0.0, float(known), *packed[1:]), state[1]]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[0] / packed[1]

@@ -8,7 +8,7 @@ from numba import njit
 from ffl.systems.state_space import Array
 
 RUNAWAY = (
-    1e6  # times the force over one displacement, from which what hardens is followed no farther
+    1e3  # times the force over one displacement, from which what hardens is followed no farther
 )
 
 

@@ -12,7 +12,6 @@ import scipy.stats
 from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import Judged
-from ffl.diagnose.contest.line import slight
 from ffl.diagnose.contest.posterior import probabilities
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -24,6 +23,7 @@ from ffl.diagnose.maps.picture import MapPicture, picture
 from ffl.diagnose.maps.unnamed import Contest, compare
 from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
+from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import prove, run_plant, with_map
 from ffl.diagnose.proof.verdict import BEYOND, LOUD, loudness, verdict
 from ffl.diagnose.recorded import sound, where
@@ -94,9 +94,15 @@ def conclude(
     trusted = not standing.predicted and not nameless.led
     runs = proof.nrmse_after / proof.noise_floor if trusted and proof.noise_floor > 0 else 1.0
     said, place = verdict(model, standing, nameless, runs)
-    told = [i for i, spec in enumerate(effects) if not slight(spec, model)]
-    if effects and not told and nameless.verdict == "named":
+    told, sizeless = named(standing, model, said != "partly_explained")
+    if effects and not told and not sizeless and nameless.verdict == "named":
         said, place = "nothing_missing", where.Place("", "", ())
+    if sizeless:
+        said = said if told else "unnamed"
+        stands = " and ".join(sizeless)
+        notes.append(
+            f"{stands} in augmented.toml: no size of its own is told, it stands in for another"
+        )
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0

@@ -1,0 +1,37 @@
+"""Which of the effects that stand are said by name."""
+
+from __future__ import annotations
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.line import slight
+from ffl.effects import EFFECTS
+from ffl.systems.plant import Plant
+
+PARTS_OF_THE_MASS = frozenset(
+    {"mass_change", "flexible_mode"}
+)  # each moves with the model's own mass
+
+
+def named(standing: Judged, plant: Plant, whole: bool) -> tuple[list[int], list[str]]:
+    """(places of the effects that are said, names of those that are not for want of a size); `whole`: what
+    stands explains all there is. Else something else is missing too, and an effect that is less
+    sure than large, in all of its amounts, stands in for it."""
+    effects = standing.model.effects
+    said = [i for i, spec in enumerate(effects) if not slight(spec, plant)]
+    if whole:
+        return said, []
+    sized = [i for i in said if not _sizeless(standing, i)]
+    return sized, [effects[i].name for i in said if i not in sized]
+
+
+def _sizeless(standing: Judged, index: int) -> bool:
+    spec = standing.model.effects[index]
+    if spec.name in PARTS_OF_THE_MASS:
+        return False
+    amounts = [p.name for p in EFFECTS[spec.name].parameters if p.linear]
+    ratios = []
+    for c, spread in zip(standing.model.coordinates, standing.spread, strict=True):
+        if c.kind == "effect" and c.effect == index and c.name in amounts and c.place is None:
+            size = 1.0 if c.log else abs(float(spec.parameters[c.name]))
+            ratios.append(size / max(float(spread), 1e-300))
+    return bool(ratios) and max(ratios) < 1.0
