@@ -188,6 +188,8 @@ def _named(
         scene = weighed(replace(scene, noise=plain, plain=True), nominal)
         held = replace(held, noise=plain, plain=True)
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
+    if scene.work.done:
+        notes.append(f"the search was ended after {scene.work.runs} simulations: more may be missing")
     outcome = with_rattling(scene, held, outcome, told, prior)
     outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ffl.diagnose.contest.work import Work
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
@@ -57,6 +58,7 @@ class Scene:
     doubt: Doubt | None = None  # of recordings that judge: what the fitted ones left open
     slowest: float = SLOWEST  # Hz: lowest corner of coloured noise; what is slower is physics
     observed: bool = False  # an observer closes the loop: noise goes round it in no machine
+    work: Work = field(default_factory=Work, repr=False)  # shared by all that come of it
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:
@@ -94,6 +96,7 @@ class Scene:
     def residuals(self, model: Runs) -> list[Array] | None:
         """y - yhat of each recording; None where the simulation leaves all bounds."""
         out = []
+        self.work.add()
         for trial in self.trials:
             y = model.output(trial)
             if y is None:

@@ -85,6 +85,8 @@ def contest(
         scene, held, judge(scene, held, model), [], {}, frozenset(), threshold, most, say
     )
     for name, rival in forks(outcome):
+        if scene.work.done:
+            break
         say(f"the other way: {rival.name}, without {name}")
         steps = [step for step in outcome.steps if step.accepted is not None]
         start = rival.scene, rival.held, rival, steps, outcome.contenders
@@ -109,6 +111,8 @@ def _with_who_was_turned_down(
         return outcome
     for step in outcome.steps:
         one = step.turned_down
+        if outcome.standing.scene.work.done:
+            break
         if one is None or one.fitted - step.before.fitted < UNTOLD:
             continue
         say(f"the other way: with {one.name}, turned down before")
@@ -211,7 +215,7 @@ def _climb(
         last_error = error
         joined = min(sum(len(step.joined) for step in steps), len(base.model.effects))
         accepted = None
-        if joined < most and len(steps) < ROUNDS * most:
+        if joined < most and len(steps) < ROUNDS * most and not scene.work.done:
             taken = excluded(base.model) | turned_down
             # What hides in the noise of the first round may be faint.
             least = FAINT if steps else FAINT / 2

@@ -1,0 +1,25 @@
+"""How much a search has simulated: where nothing of the catalogue fits, it would go on and on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from threading import Lock
+
+MOST = 20_000  # runs of all fitted recordings, from which no further round begins (usual: 1,000 to 15,000)
+
+
+@dataclass(eq=False)
+class Work:
+    """Runs that scenes sharing it have made, whoever made them in whatever order."""
+
+    runs: int = 0
+    _lock: Lock = field(default_factory=Lock, repr=False)
+
+    def add(self) -> None:
+        with self._lock:
+            self.runs += 1
+
+    @property
+    def done(self) -> bool:
+        """Asked between rounds, when all that was begun has ended: the same for any number of workers."""
+        return self.runs >= MOST
