@@ -189,7 +189,9 @@ def _named(
         held = replace(held, noise=plain, plain=True)
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
     if scene.work.done:
-        notes.append(f"the search was ended after {scene.work.runs} simulations: more may be missing")
+        notes.append(
+            f"the search was ended after {scene.work.runs} simulations: more may be missing"
+        )
     outcome = with_rattling(scene, held, outcome, told, prior)
     outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held

@@ -28,6 +28,7 @@ CONTACT = 0.025  # of the travel
 ROOM = 0.9  # of the mass at a point that may hang on a spring
 STEP = 2e-3  # of a coordinate's scale: difference step; stick-slip makes smaller ones noisy
 LOG_STEP = 4e-3
+NEAR = 0.3  # of its logarithm: what a stated number may be off at least
 TURN = 0.05  # rad: by which a difference step of a period or a frequency may move the last wave
 
 
@@ -81,6 +82,8 @@ def number_of(  # type: ignore[no-untyped-def]
         least = PASSIVE.get((spec.name, parameter.name), 0.0)
         low = max(low, np.log(least)) if least else low
         high = max(high, low + 0.1)
+        if kind == "given":  # as stated, wherever it would be looked for
+            low, high = min(low, at - NEAR), max(high, at + NEAR)
         waves = _waves(base, spec, parameter.name, value)
         finest = TURN / (2.0 * np.pi * max(waves, 1e-3))
         return Coordinate(kind, parameter.name, i, None, 1.0, low, high, True, finest=finest)
@@ -99,7 +102,7 @@ def number_of(  # type: ignore[no-untyped-def]
         critical = 2.0 * float(np.sqrt(spec.parameters["stiffness"] * moved))
         scale = max(scale, DAMPED * critical)
     if parameter.name == "mass_fraction":
-        upper = min(upper, ROOM * _mass_at(base, spec))
+        upper = max(min(upper, ROOM * _mass_at(base, spec)), value)
     return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
 
 

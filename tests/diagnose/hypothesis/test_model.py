@@ -153,3 +153,23 @@ def test_a_phase_is_told_within_a_turn():
     assert {k: v for k, v in told.items() if "phase" not in k} == {
         k: v for k, v in values.items() if "phase" not in k
     }
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        EffectSpec(
+            "hysteresis", {"force": 1.2, "displacement": 1e-4, "exponent": 1.0, "beta": 0.5}
+        ),
+        EffectSpec("presliding_friction", {"level": 2.0, "stiffness": 10.0}),
+        EffectSpec("backlash", {"gap": 1e-9}),
+    ],
+    ids=lambda spec: spec.name,
+)
+def test_what_a_plant_file_states_stands_wherever_it_would_be_looked_for(stated):
+    """Numbers outside the bounds of a search jumped onto them with the first step of a fit."""
+    plant = replace(load_plant("emps"), effects=(stated,))
+    model = Model(Base.of(plant, 0.24, 25.0))
+    again = model.at(model.theta)
+    for name, value in stated.parameters.items():
+        assert again.stated[0].parameters[name] == pytest.approx(value, rel=1e-12)
