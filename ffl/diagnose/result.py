@@ -155,6 +155,7 @@ def _validation(proof: Proof) -> dict[str, Any]:
             "change_interval_95": list(proof.interval),
             "nrmse_with_map": proof.nrmse_with_map,
         }
+        | ({"noise_untold": True} if proof.untold else {})
     )
 
 

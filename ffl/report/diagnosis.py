@@ -94,6 +94,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     proof = answer.get("validation")
     if proof:
         after, alone = f"{proof['nrmse_after']:.4g}", f"noise alone {proof['noise_floor']:.4g}"
+        if proof.get("noise_untold"):
+            alone = "noise cannot be told from what is left"
         if "nrmse_with_map" in proof:
             after = f"{proof['nrmse_with_map']:.4g} with the map (without it {after})"
         print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {after}, {alone}")
@@ -195,7 +197,8 @@ def _overview(page: Page, d: Diagnosis) -> None:
         facts = [("nrmse before", d.proof.nrmse_before), ("nrmse after", d.proof.nrmse_after)]
         if d.proof.nrmse_with_map:
             facts.append(("with the map", d.proof.nrmse_with_map))
-        page.facts([*facts, ("noise alone", d.proof.noise_floor)])
+        alone = "what is left, noise not told from it" if d.proof.untold else "noise alone"
+        page.facts([*facts, (alone, d.proof.noise_floor)])
     for line in d.advice:
         page.note(f"Next experiment: {line}")
 

@@ -191,6 +191,8 @@ def test_the_lines_of_an_answer_say_what_stands(capsys):
     assert "exponent not told (0.8 ± 1.7)" in said
     assert "mode_1_frequency: -30 %, as far as it may go" in said
     assert "nrmse 0.1 -> 0.01 with the map (without it 0.2), noise alone 0.005" in said
+    print_answer({**answer, "validation": {**answer["validation"], "noise_untold": True}})
+    assert "without it 0.2), noise cannot be told from what is left" in capsys.readouterr().out
     fault = {"verdict": "inconclusive", "effects": [], "location": {}, "advice": ["flip y"]}
     print_answer({**fault, "model_corrections": []})
     assert "is to be mended before these recordings can tell" in capsys.readouterr().out

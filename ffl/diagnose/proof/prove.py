@@ -36,7 +36,8 @@ class Overlay:
 
 @dataclass(frozen=True)
 class Proof:
-    """Held-out figures; `interval`: 95 % of nrmse_after - nrmse_before by paired block bootstrap."""
+    """Held-out figures; `interval`: 95 % of nrmse_after - nrmse_before by paired block bootstrap;
+    `untold`: no noise can be told from what is left, which `noise_floor` then is."""
 
     recordings: tuple[str, ...]
     nrmse_before: float
@@ -48,6 +49,7 @@ class Proof:
     interval: tuple[float, float]
     overlays: tuple[Overlay, ...]
     nrmse_with_map: float | None = None  # of the map that has no name, where that is the answer
+    untold: bool = False
 
 
 def nrmse(measured: Sequence[Array], simulated: Sequence[Array]) -> float:
@@ -129,16 +131,18 @@ def prove(
     errors = [(t.y - a.y, t.y - b.y) for t, a, b in zip(trials, before, after, strict=True)]
     floor = float(np.sqrt(variance)) / scale if scale > 0 else 0.0
     left = nrmse(y, [s.y for s in after])
+    untold = floor >= LOUDER * left
     return Proof(
         tuple(t.name for t in trials),
         nrmse(y, [s.y for s in before]),
         left,
-        floor if floor < LOUDER * left else left,
+        left if untold else floor,
         u_before,
         u_after,
         u_floor,
         _interval(errors, scale, rng),
         overlays,
+        untold=untold,
     )
 
 
