@@ -58,7 +58,11 @@ def _hardened(w, length, exponent, way_back, way_out):  # type: ignore[no-untype
     while length > 0.0 and w < RUNAWAY:
         rate = _rate(w, exponent, way_back, way_out)
         h = min(length, 0.25, 0.25 * max(1.0, abs(w)) / rate)
-        w = _advanced(w, h, exponent, way_back, way_out)
+        ahead = _advanced(w, h, exponent, way_back, way_out)
+        if w < 0.0 < ahead:  # a piece ends where the law has its kink
+            h *= w / (w - ahead)
+            ahead = 0.0
+        w = ahead
         length -= h
     return min(w, RUNAWAY)
 

@@ -6,7 +6,7 @@ from cases import FLOW, STAGE
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from ffl.effects import EFFECTS, check_effects, mechanics_of
+from ffl.effects import EFFECTS, Motion, check_effects, mechanics_of
 from ffl.effects.cascade import lags
 from ffl.errors import InputError
 from ffl.machines import Simulator
@@ -165,3 +165,13 @@ def test_an_outlet_above_the_operating_level_is_refused():
     spec = EffectSpec("outflow", {"empty": 6.0, "centre": 5.0})
     with pytest.raises(InputError, match="must lie below centre"):
         check_effects(Plant("t", tanks(SLOW, FAST).system, effects=(spec,)))
+
+
+def test_the_operating_point_of_a_linear_model_is_tried_as_the_centre():
+    """0, where it is written in deviations, beside the middle of what was recorded."""
+    x = np.linspace(-40.0, 50.0, 400)
+    still = np.zeros_like(x)
+    motion = Motion(STEP * np.arange(400), still, still, x, still, still, STEP)
+    tried = EFFECTS["outflow"].grid(motion)
+    assert {start["centre"] for start in tried} == {0.0, motion.middle}
+    assert all(start["empty"] < start["centre"] for start in tried)

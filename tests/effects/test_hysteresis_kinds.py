@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ffl.effects.paths import bouc_wen
+from ffl.effects import EFFECTS
+from ffl.effects.paths import RUNAWAY, bouc_wen, bouc_wen_step
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Physics, Plant
 from ffl.systems.continuous import zero_order_hold
@@ -53,3 +54,39 @@ def test_in_the_simulator():
         fine.append(part.y[:, -1])
     y = np.array(fine)[:, 0]
     assert np.abs(run.y - y).max() < 0.01 * np.abs(y).max()
+
+
+@pytest.mark.parametrize(("start", "move"), [(-50.0, 0.3), (0.0, 1.1), (2.0, -0.6), (-0.5, 0.9)])
+def test_far_out_and_back_at_any_rate(start, move):
+    """dz/dx = 1 + |z|^n ((1 + beta) - beta sign(z dx)) at n = 1.57, beta = 9.5: 19 times as stiff on the
+    way back, over which steps of a fixed length jumped from one end to the other."""
+    n, beta = 1.57, 9.5
+
+    def slope(x, z):
+        return 1.0 + np.abs(z) ** n * (1 + beta - beta * np.sign(z * move))
+
+    true = solve_ivp(slope, (0.0, move), [start], rtol=1e-10, atol=1e-12).y[0, -1]
+    own = bouc_wen_step(start, move, 1.0, n, beta, 1.0)
+    assert own == pytest.approx(true, rel=4e-3)
+
+
+def test_what_leaves_all_bounds_is_followed_to_their_end():
+    assert bouc_wen_step(0.0, 30.0, 1.0, 1.57, 0.5, 1.0) == RUNAWAY
+    assert bouc_wen_step(0.0, -30.0, 1.0, 1.57, 0.5, 1.0) == -RUNAWAY
+
+
+def test_a_path_before_the_recording_winds_it_up_by_its_own_length_at_most():
+    """Six strokes of what hardens without end began a recording at a million times its force."""
+    effect = EFFECTS["hysteresis"]
+    packed = [FORCE, VALUES["displacement"], 1.5, 9.0, 1.0]
+    far, near = (effect.after_travel([0.0, 0.0], packed, k * packed[1])[0] for k in (60.0, 1.0))
+    assert far == near
+    assert 1.0 < near < 3.0
+
+
+def test_what_no_travel_turns_around_is_no_loop():
+    wide = EffectSpec("hysteresis", {"force": 1.0, "displacement": 2.0})
+    effect = EFFECTS["hysteresis"]
+    assert not effect.credible(wide, 5.0, 1.5)
+    assert effect.credible(wide, 5.0, 2.5)
+    assert effect.credible(EffectSpec(wide.name, wide.parameters, {"kind": "hardening"}), 5.0, 1.5)

@@ -11,6 +11,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
 
+HARDLY = 1e-3  # of a sample: a delay or lag below it is no news to anybody
 AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 
@@ -29,7 +30,8 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
         if c.kind == "effect" and slight(spec := standing.model.effects[c.effect], plant):
             value = float(spec.parameters[c.name]) / plant.sample_time
             error = float(spread / plant.sample_time)
-            out.append(ModelCorrection(spec.name, value, error, "samples"))
+            if value > max(3.0 * error, HARDLY):
+                out.append(ModelCorrection(spec.name, value, error, "samples"))
         if c.kind != "correction" or (process and c.name == "mass"):
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))
