@@ -7,9 +7,8 @@ from numba import njit
 
 from ffl.systems.state_space import Array
 
-RUNAWAY = (
-    1e3  # times the force over one displacement, from which what hardens is followed no farther
-)
+# Times the force over one displacement, from which what hardens is followed no farther.
+RUNAWAY = 1e3
 
 
 @njit(cache=True, error_model="numpy")  # called from outside kernels too

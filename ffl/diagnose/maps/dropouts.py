@@ -32,26 +32,9 @@ from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
 
-RATES = (
-    0.01,
-    0.02,
-    0.05,
-    0.1,
-    0.15,
-    0.2,
-    0.25,
-    0.3,
-    0.4,
-    0.5,
-)  # shares of the commands that are tried
-QUIETER = (
-    1.0,
-    0.9,
-    0.8,
-    0.65,
-    0.5,
-    0.35,
-)  # times the mean square left: what noise may be without them
+# Shares of the commands that are tried, and, times the mean square left, what noise may be without them.
+RATES = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+QUIETER = (1.0, 0.9, 0.8, 0.65, 0.5, 0.35)
 FIRST = ((0.02, 0.8), (0.1, 0.9), (0.3, 0.9))  # of both, tried before all others
 TURNS = 2  # of the search for both, one after the other
 WORTH = 40.0  # log-likelihood that lost samples must bring beyond those of the other sign
@@ -64,9 +47,8 @@ ENERGY = 0.999  # of what one sample does to the residual, from which its length
 MEMORY = 2048  # samples of it at most
 PASSES = 2  # once found, the model's own numbers no longer stand in for them
 ROUNDS = 6
-HEATED = (
-    8  # sweeps until the evidence counts in full: who comes first must not take what is another's
-)
+# Sweeps until the evidence counts in full: who comes first must not take what is another's.
+HEATED = 8
 SWEEPS = 14  # of the posteriors, each beside the others'
 FAINT = 3e-3  # of a standard deviation: changes of a sample's force that no other sample feels
 
