@@ -12,6 +12,7 @@ from ffl.diagnose.contest import search
 from ffl.diagnose.contest import settle as settling
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.work import MOST, Work
 from ffl.diagnose.hypothesis.places import mass_is_corrected
 from ffl.diagnose.noise import unrest
 from ffl.effects import EFFECTS
@@ -97,19 +98,21 @@ def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, m
 
 
 @pytest.mark.parametrize(
-    ("gained", "left", "noise", "followed", "stands"),
+    ("gained", "left", "noise", "runs", "followed", "stands"),
     [
-        (500.0, 30.0, 1.0, True, True),
-        (500.0, 80.0, 1.0, True, False),  # not half of what was left
-        (100.0, 30.0, 1.0, False, False),  # the fitted recordings gained little by it
-        (500.0, 30.0, 60.0, False, False),  # what is left may be noise
+        (500.0, 30.0, 1.0, 0, True, True),
+        (500.0, 80.0, 1.0, 0, True, False),  # not half of what was left
+        (100.0, 30.0, 1.0, 0, False, False),  # the fitted recordings gained little by it
+        (500.0, 30.0, 60.0, 0, False, False),  # what is left may be noise
+        (500.0, 30.0, 1.0, MOST, False, False),  # enough was tried
     ],
 )
 def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
-    gained, left, noise, followed, stands, monkeypatch
+    gained, left, noise, runs, followed, stands, monkeypatch
 ):
     def standing(name, fitted=0.0):  # type: ignore[no-untyped-def]
-        return SimpleNamespace(name=name, model=name, fitted=fitted, scene=None, held=None)
+        scene = SimpleNamespace(work=Work(runs))
+        return SimpleNamespace(name=name, model=name, fitted=fitted, scene=scene, held=None)
 
     nothing, first, friction = standing("nothing"), standing("load"), standing("friction", gained)
     steps = [

@@ -124,7 +124,7 @@ def test_samples_faint_by_themselves_count_together(stage, scenes):  # type: ign
     t = np.arange(6000) * stage.sample_time
     slow = FAINT * np.sin(2 * np.pi * 3.0 * np.maximum(t - 0.3, 0.0)) ** 2
     runs = [
-        recorded(stage, size * slow, lost_at(len(slow), 0.2, 11 + k), k)
+        recorded(stage, size * slow, lost_at(len(slow), 0.08, 11 + k), k)
         for k, size in enumerate((1.0, 0.8))
     ]
     scene, held, model = scenes(runs)
