@@ -103,7 +103,7 @@ def test_a_perfect_solver_scores_full_marks(made, tmp_path):
     assert result.parameter_errors
     assert all(m == 0 for _, m, _ in result.parameter_errors.values())
     missed = [b.what for b in bars(result) if b.met is False]
-    assert missed == ["stated confidences from 85 %"]  # 0.9 stated and always right
+    assert missed == ["stated confidences of 85 to 95 %"]  # 0.9 stated and always right
     document = json.loads((tmp_path / "s" / "score.json").read_text())
     assert document["shares"]["exact set, single"]["n"] == result.shares["exact set, single"].n
     text = (tmp_path / "s" / "score.md").read_text()

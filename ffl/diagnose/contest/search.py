@@ -107,12 +107,11 @@ def _with_who_was_turned_down(
     the held-out recordings. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times
     the held-out error, all three leave a ninetieth.)"""
     stood = raw_error(outcome.held, outcome.standing.model)
-    if HALF * stood < noise_error(outcome.held, outcome.standing.scene):
+    scene = outcome.standing.scene
+    if scene.work.done or HALF * stood < noise_error(outcome.held, scene):
         return outcome
     for step in outcome.steps:
         one = step.turned_down
-        if outcome.standing.scene.work.done:
-            break
         if one is None or one.fitted - step.before.fitted < UNTOLD:
             continue
         say(f"the other way: with {one.name}, turned down before")

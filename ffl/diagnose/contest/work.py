@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from threading import Lock
 
-MOST = 20_000  # runs of all fitted recordings, from which no further round begins (usual: 1,000 to 15,000)
+# Runs of all recordings, fitted or judging, from which no further round begins (usual: 1,000 to 15,000).
+MOST = 20_000
 
 
 @dataclass(eq=False)

@@ -102,7 +102,8 @@ def number_of(  # type: ignore[no-untyped-def]
         critical = 2.0 * float(np.sqrt(spec.parameters["stiffness"] * moved))
         scale = max(scale, DAMPED * critical)
     if parameter.name == "mass_fraction":
-        upper = max(min(upper, ROOM * _mass_at(base, spec)), value)
+        upper = min(upper, ROOM * _mass_at(base, spec))
+        upper = max(upper, value) if kind == "given" else upper
     return Coordinate(kind, parameter.name, i, None, scale, lower, upper)
 
 
