@@ -6,34 +6,13 @@ import math
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters
-from ffl.effects.law import X0
-from ffl.effects.solve import bulge_of, end_motion, middle_motion, set_curve
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.cogging import Cogging
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
-LEAST_TRAVEL = (
-    0.5  # rad: over less the pull is that of a spring or a load, to a hundredth of itself
-)
-
-
-def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: amplitude, centre; s: end force and bulge (iterates)."""
-    start = -p[0] * math.sin(io[X0] - p[1])
-    force, bulge = s[0], s[1]
-    for _ in range(16):
-        xa, gx, va, gv = end_motion(io, start, bulge)
-        away = xa + gx * force - p[1]
-        error = force + p[0] * math.sin(away)
-        change = -error / (1.0 + p[0] * math.cos(away) * gx)
-        force += change
-        half, _ = middle_motion(io, xa + gx * force, va + gv * force)
-        more = bulge_of(start, -p[0] * math.sin(half - p[1]), force) - bulge
-        bulge += more
-        if abs(change) + abs(more) <= 1e-12 * (abs(start) + abs(force)):
-            break
-    s[0], s[1] = force, bulge
-    set_curve(io, start, force, bulge)
+# rad: over less the pull is that of a spring or a load, to a hundredth of itself.
+LEAST_TRAVEL = 0.5
 
 
 class GravityTorque(Effect):
@@ -48,15 +27,16 @@ class GravityTorque(Effect):
     )
     depends_on = ("position",)
     siblings = ("linear_stiffness", "hardening_spring", "constant_load", "cogging")
-    law = staticmethod(_law)
+    law = staticmethod(Cogging.law)
+    initial_state = Cogging.initial_state
+    stiffness = Cogging.stiffness
     needs_mass = False
     of_angles = True
 
-    def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0, 0.0]
-
-    def stiffness(self, packed):  # type: ignore[no-untyped-def]
-        return float(packed[0])
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        """As a cogging that repeats every turn: one harmonic of wave number 1, (cos, sin) of its phase."""
+        amplitude, centre = super().pack(values, setting)
+        return [1.0, 1.0, -amplitude * math.cos(centre), amplitude * math.sin(centre)]
 
     def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
         return travel > LEAST_TRAVEL
