@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from recording_loops import loop
 
-from ffl.recordings import Recording
+from ffl.errors import InputError
+from ffl.recordings import Recording, read_recording
 
 WHERE = "get it from nonlinearbenchmark.org (KUKA: github.com/JonasWeigand/Robot_Identification)"
 
@@ -41,3 +42,18 @@ def real():
 @pytest.fixture(scope="session")
 def same_bits():
     return lambda a, b: a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+@pytest.fixture
+def refused():  # type: ignore[no-untyped-def]
+    """Asserts that a file is refused in one line: which file, what (`said`, a pattern), and how to mend."""
+
+    def check(path, said):  # type: ignore[no-untyped-def]
+        with pytest.raises(InputError, match=said) as error:
+            read_recording(path)
+        line = str(error.value)
+        assert line.startswith(str(path))
+        assert "\n" not in line
+        assert "; " in line, "says how to mend"
+
+    return check
