@@ -17,6 +17,7 @@ from ffl.diagnose.noise.heard import with_modes_heard
 from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.noise.plain import too_loud, weighed
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
+from ffl.diagnose.predict.loose_head import with_loose_head
 from ffl.diagnose.predict.observer import (
     decay_for,
     decay_of,
@@ -193,6 +194,7 @@ def _named(
             f"the search was ended after {scene.work.runs} simulations: more may be missing"
         )
     outcome = with_rattling(scene, held, outcome, told, prior)
+    outcome = with_loose_head(scene, held, outcome, told, prior)
     outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,12 @@ class Motion:
         """Two samples of standstill at a position and a time, without command."""
         at, zero = np.full(2, position), np.zeros(2)
         return cls(np.full(2, time), at, zero, at, zero, zero, sample_time)
+
+    @property
+    def mid_sample(self) -> Motion:
+        """Half a sample later, where a force that is held over a sample is felt."""
+        x, v, a = (np.append(0.5 * (q[1:] + q[:-1]), q[-1]) for q in (self.x, self.v, self.a))
+        return replace(self, x=x, v=v, a=a)
 
     @property
     def direction(self) -> Array:

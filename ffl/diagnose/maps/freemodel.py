@@ -280,11 +280,7 @@ def side_of(place: Place) -> tuple[str, float | None]:
 
 def held_motion(motion: Motion, place: Place) -> Motion:
     """Forces of the screen's filters are held over a sample: theirs is the motion at its middle."""
-    if place.port != "force":
-        return motion
-    from ffl.diagnose.screen.screen import _middle
-
-    return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))
+    return motion.mid_sample if place.port == "force" else motion
 
 
 @dataclass(frozen=True)

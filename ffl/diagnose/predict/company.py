@@ -18,9 +18,15 @@ from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.machines.simulator import Simulator
 from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.state_space import Array
 from ffl.systems.zpk import Zpk
 
 BY_COMMAND = frozenset({"command", "time"})  # what an effect of the drive alone depends on
+# Forces along the motion: where a machine is and how fast it goes, a little noise does not matter.
+ALONG = frozenset(
+    {"cogging", "hardening_spring", "gravity_torque", "hysteresis", "quadratic_drag", "drift",
+     "periodic_disturbance"}
+)  # fmt: skip
 BY_POSITION = frozenset({"encoder_ripple", "position_dependent_gain"})  # sums of their regressors
 
 
@@ -29,6 +35,21 @@ def separable(spec: EffectSpec) -> bool:
     moves otherwise than the sensor."""
     by_position = spec.name in BY_POSITION and spec.options.get("mass_ratio") is None
     return _drives(EFFECTS[spec.name]) or by_position
+
+
+def along(spec: EffectSpec) -> bool:
+    """Whether `forces_along` tells the effect's force from the motion as measured."""
+    return spec.name in ALONG
+
+
+def forces_along(trial: Trial, effects: Sequence[EffectSpec], aside: float = 0.0) -> list[Array]:
+    """(N,) the force of each of `effects`, physical units, along the motion as measured, or so far `aside`
+    of it, in the middle of every sample."""
+    if not effects:
+        return []
+    motion = _motion(trial).mid_sample
+    motion = replace(motion, x=motion.x + aside)
+    return [EFFECTS[spec.name].signal(spec, motion) for spec in effects]
 
 
 def without(trial: Trial, effects: Sequence[EffectSpec]) -> Trial:

@@ -19,6 +19,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.company import without
 from ffl.diagnose.predict.foretold import Foretold, refitted
+from ffl.diagnose.predict.moving import gap_at, moved, units, walked
 from ffl.diagnose.predict.switching import Switching
 from ffl.diagnose.recorded.trials import Trial
 from ffl.errors import InputError
@@ -40,8 +41,6 @@ GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fi
 # numbers are off, and makes one broad valley of many narrow ones.
 LOOSENESS = (30.0, 10.0, 3.0, 1.0)
 GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides under the loosest
-TRIES = 5  # steps of a move
-MOVES = (0.2, 0.1, 0.05)  # relative, of gap, mass ratio and damping one by one, after the fit
 LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
 ALONG = (0.1, 0.05, 0.02, 0.01)  # the same, of the combination that the samples see least
 PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
@@ -61,23 +60,14 @@ class Hypothesis(Foretold):
     def steps(self) -> Array:
         """Differences for derivatives: larger than what the moment of a contact jumps by."""
         steps = np.array([self._step(c) for c in self.model.coordinates])
-        steps[self.gap_at] = 0.01 * max(self.theta[self.gap_at], 1e-5 * self.model.base.travel)
+        at = gap_at(self.model)
+        steps[at] = 0.01 * max(self.theta[at], 1e-5 * self.model.base.travel)
         return steps
 
     def _step(self, c: Coordinate) -> float:
         if c.log:
             return CONTACT_STEP if c.effect >= 0 else LOG_STEP
         return (COMPANY_STEP if c.kind == "effect" else 0.2) * c.scale
-
-    @property
-    def gap_at(self) -> int:
-        return [c.name for c in self.model.coordinates].index("gap")
-
-    @property
-    def masses(self) -> list[int]:
-        return [
-            k for k, c in enumerate(self.model.coordinates) if c.key[:2] == ("correction", "mass")
-        ]
 
     def predict(self, trials: Sequence[Trial]) -> tuple[Array, Array] | None:
         """(scaled innovations, logarithms of their scales) of all recordings; None: no such plant."""
@@ -101,10 +91,10 @@ def start(
     """The best gap, and mass ratio or load, of a grid, with the levels from the one that showed it; of
     the first `most`. None where the plant is neither rigid nor two masses on a spring, or no gap of
     the grid foretells better than none."""
-    trials = _short(scene, GLANCE)
+    trials = shortened(scene, GLANCE)
     forms, travel = _forms(model), model.base.travel
     for k in range(most if forms else 0):
-        noise = _loose(scene.noise, levels[k])
+        noise = loosened(scene.noise, levels[k])
         none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
         found = []
         for form in forms[1:]:
@@ -114,8 +104,8 @@ def start(
         if found[0][0] > none + PROMISES:
             if len(model.base.simulator.mechanics.modes) == 2:
                 return found[0][1], levels[k:]
-            moved = [_moved(h, trials) for _, h in found[:STARTS]]
-            return max(moved, key=lambda h: h.worth(trials)), levels[k:]
+            near = [moved(h, trials) for _, h in found[:STARTS]]
+            return max(near, key=lambda h: h.worth(trials)), levels[k:]
     return None, levels
 
 
@@ -125,7 +115,7 @@ def closed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
     none, tried = NONE * model.base.travel, []
     for form in (found.model.effects[-1].options, _forms(model)[0]):
         bare = Hypothesis.of(model, none, form, found.noise)
-        tried.append(refitted(bare, trials, fixed=(bare.gap_at,)))
+        tried.append(refitted(bare, trials, fixed=(gap_at(bare.model),)))
     return max(tried, key=lambda h: h.worth(trials))
 
 
@@ -152,49 +142,28 @@ def _forms(model: Model) -> list[dict[str, Any]]:
     return [{**tried[0], "load_fraction": LEAST_SHARE}, *tried]
 
 
-def _loose(noise: Noise, factor: float) -> Noise:
+def loosened(noise: Noise, factor: float) -> Noise:
     return replace(noise, force=factor * noise.force, force_coloured=factor * noise.force_coloured)
 
 
-def _short(scene: Scene, samples: int) -> list[Trial]:
+def shortened(scene: Scene, samples: int) -> list[Trial]:
     each = samples // len(scene.trials)
     return [trial.head(min(each, len(trial))) for trial in scene.trials]
 
 
 def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS) -> Hypothesis:
     """Numbers fitted under less and less force noise beyond the scene's, the best of them."""
-    trials = _short(scene, LOOK)
+    trials = shortened(scene, LOOK)
     best, most, last = begun, -np.inf, begun
     for loose in levels:
-        noise = _loose(scene.noise, loose)
-        last = _moved(refitted(replace(last, noise=noise), trials), trials)
+        noise = loosened(scene.noise, loose)
+        last = moved(refitted(replace(last, noise=noise), trials), trials)
         value = last.worth(scene.trials)
         if value > most:
             best, most = last, value
-    best = _moved(refitted(best, scene.trials), scene.trials, LAST, mass=True)
+    best = moved(refitted(best, scene.trials), scene.trials, LAST, mass=True)
     best = _moved_along(refitted(best, scene.trials), scene.trials)
     return refitted(best, scene.trials)
-
-
-def _moved(
-    point: Hypothesis,
-    trials: Sequence[Trial],
-    sizes: Sequence[float] = MOVES,
-    *,
-    mass: bool = False,
-) -> Hypothesis:
-    """Gap and what else the effects have, and the mass, moved one by one as long as it helps: where the
-    load is out of sight within the gap, the moments of contact jump with every number, and
-    derivatives say little."""
-    worth = point.worth(trials)
-    coordinates = point.model.coordinates
-    own = [k for k, c in enumerate(coordinates) if c.kind != "correction"]
-    for size in sizes:
-        for k in [*(point.masses if mass else ()), *own]:
-            way = np.zeros(len(coordinates))
-            way[k] = size * _units(point)[k]
-            point, worth = _walked(point, worth, way, trials)
-    return point
 
 
 def _moved_along(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
@@ -208,32 +177,9 @@ def _moved_along(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
         found = point.predict(trials)
         if found is None:
             return point
-        columns, units = point.columns(trials, found[0]), _units(point)
-        table = (np.vstack([columns, np.diag(1.0 / doubts)]) * units)[:, own]
-        way = np.zeros(len(units))
-        way[own] = size * units[own] * np.linalg.svd(table, full_matrices=False)[2][-1]
-        point, worth = _walked(point, worth, way, trials)
+        columns, unit = point.columns(trials, found[0]), units(point)
+        table = (np.vstack([columns, np.diag(1.0 / doubts)]) * unit)[:, own]
+        way = np.zeros(len(unit))
+        way[own] = size * unit[own] * np.linalg.svd(table, full_matrices=False)[2][-1]
+        point, worth = walked(point, worth, way, trials)
     return point
-
-
-def _units(point: Hypothesis) -> Array:
-    """By what a move is measured: the gap itself, a unit of logarithms and of the mass, else a scale."""
-    units = [1.0 if c.log else c.scale for c in point.model.coordinates]
-    for k in point.masses:
-        units[k] = 1.0
-    units[point.gap_at] = point.theta[point.gap_at]
-    return np.array(units)
-
-
-def _walked(
-    point: Hypothesis, worth: float, way: Array, trials: Sequence[Trial]
-) -> tuple[Hypothesis, float]:
-    """(the point, its worth) after steps of `way`, forth or back, as many as help."""
-    for sign in (1.0, -1.0):
-        for _ in range(TRIES):
-            tried = point.at(point.theta + sign * way)
-            value = tried.worth(trials)
-            if not value > worth:
-                break
-            point, worth = tried, value
-    return point, worth

@@ -10,7 +10,6 @@ the contest named are taken out of the recordings, their numbers free like the o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from ffl.diagnose.contest.judging import SHARE
 from ffl.diagnose.contest.line import SURE
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import KEEP
 from ffl.diagnose.hypothesis.amounts import NAMES, claims, effect_values, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, places_of
@@ -27,9 +25,9 @@ from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.foretold import Told, refitted
+from ffl.diagnose.predict.joining import needed
 from ffl.diagnose.predict.play import GRIDS, LOOSENESS, Hypothesis, closed, settled, start
-from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
 QUIET = 2  # levels spared where what is left is no louder than stated noise
@@ -92,14 +90,6 @@ def beyond_prediction(found: Hypothesis, scene: Scene, held: Scene) -> tuple[flo
     return gains[0], gains[1]
 
 
-def needed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
-    """Without those beside the play that foretell nothing now that it is there."""
-    for name in found.model.names[:-1]:
-        bare = replace(found, model=found.model.without(found.model.names.index(name)))
-        found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
-    return found
-
-
 def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
     """With a constant force where it foretells clearly better: free runs that part leave it unseen, or put
     it into the play."""
@@ -119,7 +109,7 @@ def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
     return settled(best, scene, (1.0,))
 
 
-def crossed(found: Hypothesis, scene: Scene) -> Hypothesis:
+def crossed(found: Told, scene: Scene) -> Told:
     """With a mass or damping beyond the contract's line as the effect it is, where it foretells best;
     free runs of a loop that rattles would not find the way."""
     for name in ("mass", "damping"):

@@ -8,24 +8,27 @@ its level changes the speed by,
 
     v' = v - clip(v, -d-, d+),   d+- = level+- (what a unit of force there changes v by),
 
-of which mean, slope and what is left of the variance beside the slope are known for a Gaussian v. A contact
-that yields before it slides is a spring of the plant whose stretch z is held within what the level makes of
-it, z' = clip(z, -d-, d+), in the same way. The innovations have the likelihood of `foretold`.
+of which the moments are known for a Gaussian v (`clipped`). A contact that yields before it slides is a
+spring of the plant whose stretch z is held within what the level makes of it, z' = clip(z, -d-, d+), in the
+same way. So is a play of the measuring head: a machine moves the head once it has crossed the play, and
+
+    y = x - z,   z' = clip(z + dx, -gap/2, gap/2),
+
+is all that is seen of it. The innovations have the likelihood of `foretold`.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numba import njit
 
 from ffl.diagnose.hypothesis.linear import corrected
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
-from ffl.diagnose.predict.company import separable, without
+from ffl.diagnose.predict.clipped import predicted
+from ffl.diagnose.predict.company import along, forces_along, separable, without
 from ffl.diagnose.predict.foretold import Foretold
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
@@ -50,127 +53,8 @@ UNKNOWN = 10.0  # times what noise alone makes of the state: where a recording b
 STEPS = 4  # of a sample, where a contact yields
 STIFF = 2.5  # what a contact turns by in a sample: one that is stiffer yields in none
 DOUBLINGS = 10  # 1,024 samples, in which noise has made of the state what it may be in doubt by
+SOFT = 1e-6  # of the fastest rate of a plant: a shift that changes slower changes nothing
 STEP = 0.01  # of a logarithm, or of a number's scale, for derivatives
-
-
-@njit(cache=True, nogil=True)
-def _beyond(depth, spread):  # type: ignore[no-untyped-def]
-    """(probability of being above zero, mean and mean square of max(0, d)) of d, Gaussian about `depth`."""
-    a = depth / spread
-    if a > 8.0:
-        return 1.0, depth, depth * depth + spread * spread
-    if a < -8.0:
-        return 0.0, 0.0, 0.0
-    share = 0.5 * (1.0 + math.erf(a * 0.7071067811865476))
-    bell = 0.3989422804014327 * math.exp(-0.5 * a * a)
-    square = (a * a + 1.0) * share + a * bell
-    return share, spread * (a * share + bell), spread * spread * square
-
-
-@njit(cache=True, nogil=True)
-def _level(grid, values, x):  # type: ignore[no-untyped-def]
-    """Straight between knots, constant beyond the ends."""
-    if x <= grid[0]:
-        return values[0]
-    for k in range(1, len(grid)):
-        if x < grid[k]:
-            share = (x - grid[k - 1]) / (grid[k] - grid[k - 1])
-            return values[k - 1] + share * (values[k] - values[k - 1])
-    return values[-1]
-
-
-@njit(cache=True, nogil=True)
-def _filter(  # type: ignore[no-untyped-def]
-    y, u, x, p, move, push, drift, colour, renewed, steps, row, spot, speed, kick, table, ease, white,
-    bristle,
-):  # fmt: skip  # type: ignore[no-untyped-def]
-    """(innovations (N,), their standard deviations (N,)).
-
-    State x (n,) with covariance p, at the first sample before its y is seen; its last are noises, held over
-    a sample and then `colour` (c,) of themselves, with variances `renewed` (c,) of what is new. move
-    (n, n), push (n,) from u, drift (n,) from constant forces: one of the `steps` of a sample, without
-    friction; row, spot, speed (n,): y, position and speed at the friction's point; kick (n,): of a force
-    there that changes that speed by 1. table (3, k): positions, and what the friction takes off the speed
-    in a step there, moving up and down. ease: how much more of it at rest, as a share and as that, and the
-    speed over which that falls. white: variance of y's white noise. `bristle`: speed and kick are those of
-    a contact's stretch, and it is the stretch that the table bounds.
-    """
-    n, samples = len(x), len(y)
-    out, scale = np.empty(samples), np.empty(samples)
-    other, new = np.empty((n, n)), np.empty(n)
-    pc, pv = np.empty(n), np.empty(n)
-    for t in range(samples):
-        seen, s = 0.0, white
-        for i in range(n):
-            pc[i] = 0.0
-            for j in range(n):
-                pc[i] += p[i, j] * row[j]
-            seen += row[i] * x[i]
-            s += row[i] * pc[i]
-        e = y[t] - seen
-        out[t], scale[t] = e, np.sqrt(s)
-        for i in range(n):
-            x[i] += pc[i] * e / s
-            for j in range(n):
-                p[i, j] -= pc[i] * pc[j] / s
-        for _ in range(steps):
-            for i in range(n):
-                new[i] = push[i] * u[t] + drift[i]
-                for j in range(n):
-                    new[i] += move[i, j] * x[j]
-                    other[i, j] = 0.0
-                    for k in range(n):
-                        other[i, j] += move[i, k] * p[k, j]
-            for i in range(n):
-                x[i] = new[i]
-                for j in range(i + 1):
-                    total = 0.0
-                    for k in range(n):
-                        total += other[i, k] * move[j, k]
-                    p[i, j] = total
-                    p[j, i] = total
-            v, square, place = 0.0, 0.0, 0.0
-            for i in range(n):
-                place += spot[i] * x[i]
-                pv[i] = 0.0
-                for j in range(n):
-                    pv[i] += p[i, j] * speed[j]
-                v += speed[i] * x[i]
-                square += speed[i] * pv[i]
-            doubt = np.sqrt(max(square, 1e-300))
-            bell = 0.0
-            if ease[0] != 0.0 or ease[1] != 0.0:  # the mean of exp(-(v/w)^2) over the doubt
-                width = 1.0 + 2.0 * square / (ease[2] * ease[2])
-                bell = math.exp(-v * v / (ease[2] * ease[2] * width)) / np.sqrt(width)
-            more = 1.0 + ease[0] * bell
-            rising = more * _level(table[0], table[1], place) + ease[1] * bell
-            falling = more * _level(table[0], table[2], place) + ease[1] * bell
-            if rising <= 0.0 and falling <= 0.0 and not bristle:
-                continue
-            up, mean_up, square_up = _beyond(v - rising, doubt)
-            down, mean_down, square_down = _beyond(-v - falling, doubt)
-            left, slope = mean_up - mean_down, up + down
-            rest = max(square_up + square_down - left * left - slope * slope * square, 0.0)
-            # p' = (1 - g kick speed) p (...)' + rest kick kick', g the share that sticks, or slides
-            g, change = 1.0 - slope, v - left
-            if bristle:
-                g, change = slope, left
-            for i in range(n):
-                x[i] -= kick[i] * change
-            for i in range(n):
-                for j in range(i + 1):
-                    total = p[i, j] - g * (kick[i] * pv[j] + pv[i] * kick[j])
-                    total += (g * g * square + rest) * kick[i] * kick[j]
-                    p[i, j] = total
-                    p[j, i] = total
-        for k in range(len(colour)):
-            at = n - len(colour) + k
-            x[at] *= colour[k]
-            for j in range(n):
-                p[at, j] *= colour[k]
-                p[j, at] *= colour[k]
-            p[at, at] += renewed[k]
-    return out, scale
 
 
 @dataclass(frozen=True)
@@ -188,7 +72,10 @@ class Slipping:
     table: Array  # (3, k): positions and the levels there in either direction, input units
     ease: tuple[float, float, float]  # more at rest, as a share and in input units, and its speed
     bristle: float  # stiffness of a contact, input units; 0: it does not yield
+    play: float  # of the measuring head
+    driven: tuple[tuple[EffectSpec, Array], ...]  # forces along the motion as measured, and where
     hung: Array
+    per: float  # force per input
     delay: int
     sample_time: float
 
@@ -198,13 +85,17 @@ class Slipping:
         where something stands beside the friction that is neither `LINEAR` nor separable."""
         per = model.base.simulator.force_per_input
         mechanics = corrected(model.base.simulator.mechanics, dict(model.corrections))
-        dry = None
+        dry, play, driven = None, 0.0, []
         for spec in model.effects:
             setting = Setting(per, mechanics, spec.options)
             if spec.name in LINEAR:
                 mechanics = EFFECTS[spec.name].modify(mechanics, spec.parameters, setting)
             elif spec.name in FORMS and dry is None:
                 dry = spec
+            elif of_the_head(spec):
+                play = spec.parameters["gap"]
+            elif along(spec):
+                driven.append(spec)
             elif not separable(spec):
                 return None
         if (
@@ -222,63 +113,96 @@ class Slipping:
             table, eases = levels(dry, per), ease(dry, per)
             bristle = dry.parameters.get("stiffness", 0.0) / per
         load = sum((f * at.force for at, f in mechanics.bias), np.zeros(mechanics.order))
+        points = [
+            Setting(per, mechanics, s.options).point(
+                EFFECTS[s.name].side_in(Setting(per, mechanics, s.options))
+            )
+            for s in driven
+        ]
         return cls(
             mechanics.a, mechanics.b, load, mechanics.c, point.force, point.position,
-            point.velocity, table, eases,
-            bristle, mechanics.hung, mechanics.delay, mechanics.sample_time,
+            point.velocity, table, eases, bristle, play,
+            tuple((spec, at.force) for spec, at in zip(driven, points, strict=True)),
+            mechanics.hung, per, mechanics.delay, mechanics.sample_time,
         )  # fmt: skip
 
-    def predict(self, trial: Trial, noise: Noise) -> tuple[Array, Array]:
-        """(innovations (N,) in output units, their standard deviations (N,)) of one recording, from y
-        and u as measured."""
+    def predict(self, trial: Trial, noise: Noise) -> tuple[Array, Array, Array]:
+        """(innovations (N,) in output units, their standard deviations (N,), logarithms of their scales) of
+        one recording, from y and u as measured."""
         n, step = len(self.a), self.sample_time
         stiffness = self.bristle
         if np.sqrt(stiffness * float(self.speed @ self.force)) * step > STIFF:
             stiffness = 0.0
-        m = n + (stiffness > 0.0)  # the stretch of a contact is one state more
-        block = np.zeros((m + 3, m + 3))
-        block[:n, :n] = self.a
-        if m > n:
+        held = n + (stiffness > 0.0)  # the stretch of a contact is one state more,
+        m = held + (self.play > 0.0)  # and that of a play
+        given = np.column_stack([self.drive, self.load, self.force, *(f for _, f in self.driven)])
+        block = np.zeros((m + given.shape[1],) * 2)
+        block[:n, :n], block[:n, m:] = self.a, given
+        if held > n:
             block[:n, n], block[n, :n] = -stiffness * self.force, self.speed
-        block[:n, m:] = np.column_stack([self.drive, self.load, self.force])
-        held = scipy.linalg.expm(block * step)
-        swing = _swing(held[:m, :m], held[:m, m])
+        if m > held:
+            block[held, :n], block[held, m:] = self.output @ self.a, self.output @ given
+        whole = scipy.linalg.expm(block * step)
+        swing = _swing(whole[:held, :held], whole[:held, m])
         large = np.sqrt(np.diag(swing))
-        steps = STEPS if m > n else 1
-        held = scipy.linalg.expm(block * step / steps)
-        move, (push, drift, force) = held[:m, :m], held[:m, m:].T
-        move = move * large / large[:, None]
-        push, drift, force = push / large, drift / large, force / large
+        if m > held:  # a play hangs on what is measured and moves nothing
+            large = np.append(large, 0.5 * self.play)
+        steps = STEPS if held > n else 1
+        whole = scipy.linalg.expm(block * step / steps)
+        move = whole[:m, :m] * large / large[:, None]
+        pushes = whole[:m, m:].T / large
         # Noises of sensor and force that stay over a sample or longer are the last states.
         corners = np.array([noise.sensor_corner, noise.force_corner, np.inf])
         colour = np.exp(-2 * np.pi * corners * step)
         power = np.array([noise.sensor_coloured, noise.force_coloured, noise.force]) ** 2
-        whole = np.eye(m + 3)
-        whole[:m, :m], whole[:m, m + 1], whole[:m, m + 2] = move, push, push
-        push, drift, force, large = (
-            np.append(b, (0.0, 0.0, 0.0)) for b in (push, drift, force, large)
-        )
+        moves = np.eye(m + 3)
+        moves[:m, :m], moves[:m, m + 1], moves[:m, m + 2] = move, pushes[0], pushes[0]
         rows = np.zeros((4, m + 3))
         rows[:3, :n] = np.stack([self.output, self.place, self.speed]) * large[:n]
         rows[0, m] = 1.0
-        if m > n:
+        force = np.append(pushes[2], (0.0, 0.0, 0.0))
+        if held > n:
             rows[3, n] = large[n]
             # Beyond its bounds the stretch has pushed as well, in the mean by half of its excess.
             per, at, kick = 1.0 / stiffness, rows[3], -0.5 * stiffness * force
             kick[n] += 1.0 / large[n]
         else:
             per, at = float(rows[2] @ force), rows[2]
-            kick = force / per
+            kick = force / per if per else 0.0 * force
         table = self.table * np.array([[1.0], [per], [per]])
-        x, p = self._start(trial, power, large[:m], swing / np.outer(large[:m], large[:m]))
+        x, p = self._start(trial, power, large[:held], swing)
+        again = np.zeros_like(p)
+        if m > held:
+            rows[0, held] = -large[held]
+            x, p, again = self._in_play(x, p, held, large[:n])
+        drive, lean = np.zeros((len(trial), m + 3)), np.zeros((0, m + 3))
+        drive[:, :m] = self._known(trial) @ pushes
+        if m > held and self.driven:
+            lean = np.zeros_like(drive)
+            lean[:, :m] = self._leaning(trial) @ pushes[3:] * large[held]
+        return predicted(
+            trial.y, drive, lean, x, p, moves, colour, power * (1.0 - colour**2), steps, rows[0], rows[1],
+            at, kick, table, np.array(self.ease) * np.array([1.0, per, 1.0]), held > n, held,
+            float(m > held), again, noise.sensor**2,
+        )  # fmt: skip
+
+    def _known(self, trial: Trial) -> Array:
+        """(N, k) the forces that are known in every sample: the command as it arrives, constant loads, none
+        of the friction, and those along the motion."""
         sent = trial.u if trial.load is None else trial.u + trial.load
         if self.delay:
             sent = np.concatenate([np.full(self.delay, sent[0]), sent[: -self.delay]])
-        return _filter(
-            trial.y, sent, x, p, whole, push, drift, colour, power * (1.0 - colour**2), steps, rows[0],
-            rows[1], at, kick, table, np.array(self.ease) * np.array([1.0, per, 1.0]), noise.sensor**2,
-            m > n,
-        )  # fmt: skip
+        still = np.ones(len(trial)), np.zeros(len(trial))
+        felt = forces_along(trial, [spec for spec, _ in self.driven])
+        return np.column_stack([sent, *still, *(f / self.per for f in felt)])
+
+    def _leaning(self, trial: Trial) -> Array:
+        """(N, k) by what the forces along the motion change with the way from the head to what moves it."""
+        specs, half = [spec for spec, _ in self.driven], 0.5 * self.play
+        sides = [forces_along(trial, specs, aside) for aside in (half, -half)]
+        return np.column_stack(
+            [(f - b) / (self.play * self.per) for f, b in zip(*sides, strict=True)]
+        )
 
     def _start(self, trial: Trial, power: Array, large: Array, swing: Array) -> tuple[Array, Array]:
         """State at the first sample and its covariance: as the linear model has it, in doubt by what noise
@@ -290,9 +214,33 @@ class Slipping:
         x, p = np.zeros(m + len(power)), np.zeros((m + len(power),) * 2)
         x[:n] = known @ trial.start[:own]
         p[:n, :n] = known @ trial.doubt[:own, :own] @ known.T
-        p[:m, :m] += (1.0 if trial.at_rest else UNKNOWN) ** 2 * power[1:].sum() * swing
+        unrest = (1.0 if trial.at_rest else UNKNOWN) ** 2 * power[1:].sum()
+        p[:m, :m] += unrest * swing / np.outer(large, large)
         p[m:, m:] = np.diag(power)
         return x, p
+
+    def _in_play(self, x: Array, p: Array, at: int, large: Array) -> tuple[Array, Array, Array]:
+        """(state, its covariance, what is added to that where the play is lost) with the stretch of a play
+        as state `at`: anywhere within it, and the machine by as much elsewhere than where y is."""
+        x, p = np.insert(x, at, 0.0), np.insert(np.insert(p, at, 0.0, axis=0), at, 0.0, axis=1)
+        n = len(large)
+        # Where the machine rests nearly as well: the shift of y by 1 that changes its motion least.
+        a, c = self.a * large / large[:, None], self.output * large
+        _, sizes, right = np.linalg.svd(a)
+        weights = 1.0 / np.maximum(sizes, SOFT * sizes[0]) ** 2
+        shift = right.T @ (weights * (right @ c))
+        shift = 0.5 * self.play * shift / float(c @ shift)
+        again = np.zeros_like(p)
+        for together in (np.append(shift, 1.0), np.append(0.0 * shift, 0.3)):
+            whole = np.zeros(len(x))
+            whole[:n], whole[at] = together[:n], together[n]
+            again += np.outer(whole, whole) / 3.0
+        return x, p + again, again
+
+
+def of_the_head(spec: EffectSpec) -> bool:
+    """Whether it is a play between what moves and what measures it."""
+    return spec.name == "backlash" and spec.options.get("kind") == "play"
 
 
 def levels(spec: EffectSpec, per: float) -> Array:
@@ -339,19 +287,20 @@ class Slip(Foretold):
 
     def predict(self, trials):  # type: ignore[no-untyped-def]
         """See `Foretold.predict`."""
+        others = [spec for spec in self.model.effects if separable(spec)]
         try:
             slipping = Slipping.of(self.model)
-        except InputError:
+            if slipping is None:
+                return None
+            seen = [without(trial, others) if others else trial for trial in trials]
+            parts = [slipping.predict(trial, self.noise) for trial in seen]
+        except (InputError, np.linalg.LinAlgError):  # numbers that no machine has
             return None
-        if slipping is None:
-            return None
-        others = [spec for spec in self.model.effects if separable(spec)]
-        seen = [without(trial, others) if others else trial for trial in trials]
-        pairs = [slipping.predict(trial, self.noise) for trial in seen]
-        e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        e, s, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
         with np.errstate(all="ignore"):
             white = e / s
-        return (white, np.log(s)) if np.all(np.isfinite(white)) else None
+        good = np.all(np.isfinite(white)) and np.all(np.isfinite(logs))
+        return (white, logs) if good else None
 
     def linearised(self, trials, found, factor):  # type: ignore[no-untyped-def]
         """By Fisher's scoring: w = e/s and (1 - w^2)/sqrt(2), with de/s and sqrt(2) d(log s), since what a

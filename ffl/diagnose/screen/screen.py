@@ -131,6 +131,15 @@ class Screen:
         other.residual = other.beyond(self.wanted)
         return other
 
+    def foretold(self, left: Fit) -> Screen:
+        """The same view of what a filter has `left` of y from sample to sample: to first order that answers
+        a force as the whitened y does."""
+        other = copy.copy(self)
+        other.wanted, other.slopes = left.white, left.jacobian
+        other.basis, other._taken = believed(left.jacobian, left.model)
+        other.residual = other.beyond(left.white)
+        return other
+
     # --- filters ---------------------------------------------------------------------------------
 
     def through(self, place: Place, columns: Sequence[Array]) -> Array:
@@ -171,9 +180,7 @@ class Screen:
             motion = replace(motion, u=trial.u)
         if place.port == "output" and self.model.simulator.mechanics.place is not None:
             return replace(motion, x=run.y)  # a sensor of speed acts on the speed
-        if place.port != "force":
-            return motion
-        return replace(motion, x=_middle(motion.x), v=_middle(motion.v), a=_middle(motion.a))
+        return motion.mid_sample if place.port == "force" else motion
 
     # --- judging ---------------------------------------------------------------------------------
 
@@ -368,7 +375,3 @@ def _joined(motions: Sequence[Motion]) -> Motion:
         for name in ("t", "r", "u", "x", "v", "a")
     }
     return replace(motions[0], **signals)
-
-
-def _middle(x: Array) -> Array:
-    return np.append(0.5 * (x[1:] + x[:-1]), x[-1])

@@ -10,8 +10,9 @@ from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict.joining import needed
 from ffl.diagnose.predict.play import Hypothesis, settled, start
-from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed, needed
+from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves

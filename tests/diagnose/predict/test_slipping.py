@@ -13,9 +13,10 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict import dry_in_noise
+from ffl.diagnose.predict.clipped import _beyond
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.foretold import refitted
-from ffl.diagnose.predict.slipping import FORMS, Slip, _beyond, ease, levels
+from ffl.diagnose.predict.slipping import FORMS, Slip, ease, levels
 from ffl.diagnose.recorded.trials import prepare
 from ffl.systems import EffectSpec
 from ffl.systems.plant import Imperfections

@@ -1,0 +1,173 @@
+"""Who else is missing beside a play that is foretold from sample to sample.
+
+Two free runs part within a second where a loop rattles across a play, so that no free run tells what a
+spring or a lag beside it does. The filter's innovations do: to first order they answer a small force as the
+whitened output of the linear loop does, and a screen along the machine's own motion proposes who may join;
+who does is foretold with all numbers fitted again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic
+
+from ffl.diagnose.contest.judging import PER_NUMBER
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import CREEPING, KEEP, PLIABLE, excluded
+from ffl.diagnose.hypothesis.fit import fit
+from ffl.diagnose.predict.foretold import Told, refitted
+from ffl.diagnose.recorded.trials import Trial
+from ffl.diagnose.screen.candidate import Candidate
+from ffl.diagnose.screen.followed import followed
+from ffl.diagnose.screen.screen import Screen
+from ffl.diagnose.screen.shortlist import shortlist
+from ffl.effects import EFFECTS
+from ffl.systems.plant import EffectSpec
+
+MOST = 3  # effects beside the play
+FAINT = 16.0  # first-order gain below which nobody is tried
+# Moments of contact jump with every number, which makes the likelihood rough by a hundred or two:
+LEAST = 250.0  # log-likelihood that joining brings
+WORTH = 0.015  # the same, a sample
+RIVALS = 2  # that are told beside who joins
+FINALISTS = 2  # whose numbers are all found again
+TURNS = (8, 16, 32, 64)  # parts of a period by which a clock is moved, finer and finer
+Able = Callable[[EffectSpec], bool]
+Settled = Callable[[Told, Sequence[Trial]], Told]
+
+
+@dataclass(frozen=True)
+class Company(Generic[Told]):
+    """What is `found`, its play last, on the clocks of `trials`; the `rivals` of each that joined, best
+    first, as they came out in its place."""
+
+    found: Told
+    trials: tuple[Trial, ...]
+    rivals: Mapping[str, Sequence[EffectSpec]] = field(default_factory=dict)
+
+    @property
+    def full(self) -> bool:
+        return len(self.found.model.effects) > MOST
+
+
+def joined(
+    company: Company[Told], scene: Scene, able: Able, settled: Settled[Told]
+) -> Company[Told]:
+    """`company` with who foretells its recordings clearly better, one at a time, of whom the filter is
+    `able` to take; `settled` finds the play's own numbers again, of the best few and of those without
+    them."""
+    while not company.full:
+        company = replace(company, found=settled(company.found, company.trials))
+        found, trials = company.found, company.trials
+        tried: dict[str, tuple[Told, tuple[Trial, ...]]] = {}
+        for c in proposed(company, scene, able):
+            one = beside(found, c, trials, scene.free_clocks)
+            best = tried.get(c.spec.name)
+            if best is None or charged(*one) > charged(*best):
+                tried[c.spec.name] = one
+        ranked = sorted(tried.values(), key=lambda pair: -charged(*pair))
+        ahead = [(settled(h, on), on) for h, on in ranked[:FINALISTS]]
+        ahead.sort(key=lambda pair: -charged(*pair))
+        least = max(LEAST, WORTH * sum(map(len, trials)))
+        if not ahead or charged(*ahead[0]) < charged(found, trials) + least:
+            break
+        best, on = ahead[0]
+        others = [h.model.effects[-2] for h, _ in (*ahead[1:], *ranked[FINALISTS:])]
+        name = best.model.effects[-2].name
+        company = Company(best, on, {**company.rivals, name: others[:RIVALS]})
+    return company
+
+
+def exchanged(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
+    """`company` with the best rival of each that joined in its place where that foretells better."""
+    for name, others in company.rivals.items():
+        names = company.found.model.names
+        if name not in names or not others or others[0].name in names:
+            continue
+        tried = settled(in_place(company.found, name, others[0]), company.trials)
+        if charged(tried, company.trials) > charged(company.found, company.trials):
+            own = company.found.model.effects[names.index(name)]
+            rivals = {k: v for k, v in company.rivals.items() if k != name}
+            rivals[others[0].name] = [own, *others[1:]]
+            company = replace(company, found=tried, rivals=rivals)
+    return company
+
+
+def in_place(found: Told, name: str, other: EffectSpec) -> Told:
+    """`found` with `other` where the effect `name` was."""
+    k = found.model.names.index(name)
+    effects = (*found.model.effects[:k], other, *found.model.effects[k + 1 :])
+    return replace(found, model=replace(found.model, effects=effects))
+
+
+def charged(found: Told, trials: Sequence[Trial]) -> float:
+    """What `found` foretells of the recordings, its numbers charged."""
+    return found.worth(trials) - PER_NUMBER * len(found.model.coordinates)
+
+
+def proposed(company: Company[Told], scene: Scene, able: Able) -> list[Candidate]:
+    """Who is worth a fit, of those who would explain what `company` leaves."""
+    found, trials = company.found, company.trials
+    left = found.fit(trials)
+    if left is None:
+        return []
+    factor = found.scaled(trials)[1]
+    quiet = replace(scene, trials=tuple(trials), noise=found.noise.scaled(factor), worth=1.0)
+    bare = replace(found.model, effects=())
+    along = followed(quiet, bare)
+    if along is None:
+        return []
+    view = Screen(quiet, fit(quiet, bare, rounds=0), along)
+    view = view.foretold(replace(left, white=left.white / factor, jacobian=left.jacobian / factor))
+    barred = excluded(found.model) | PLIABLE | CREEPING
+    names = [name for name in EFFECTS if name not in barred]
+    fresh = [c for c in view.candidates(names) if c.gain > FAINT and able(c.spec)]
+    return shortlist(fresh)
+
+
+def beside(
+    found: Told,
+    candidate: Candidate,
+    trials: Sequence[Trial],
+    free_clocks: bool,
+) -> tuple[Told, tuple[Trial, ...]]:
+    """`found` with the candidate before its play, from the best of its starts, fitted; the trials on the
+    clocks that suit it."""
+    starts = []
+    for spec in (candidate.spec, *candidate.valleys):
+        effects = (*found.model.effects[:-1], spec, found.model.effects[-1])
+        start = replace(found, model=replace(found.model, effects=effects))
+        starts.append((start, in_step(start, trials, 1) if free_clocks else tuple(trials)))
+    best, on = max(starts, key=lambda pair: pair[0].worth(pair[1]))
+    best = refitted(best, on)
+    if free_clocks and "periodic_disturbance" in best.model.names:
+        on = in_step(best, on, 1)
+        best = refitted(best, on)
+    return best, on
+
+
+def in_step(found: Told, trials: Sequence[Trial], from_trial: int) -> tuple[Trial, ...]:
+    """The trials from `from_trial` onwards with their clocks moved to where the periodic disturbance is in
+    step with what they show, where one is."""
+    own = [s for s in found.model.effects if s.name == "periodic_disturbance"]
+    if not own:
+        return tuple(trials)
+    period = 1.0 / float(own[0].parameters["frequency"])
+    out = list(trials[:from_trial])
+    for trial in trials[from_trial:]:
+        best = trial
+        for parts in TURNS:
+            turns = range(-parts // 2, parts // 2) if parts == TURNS[0] else (-1, 0, 1)
+            moved = [replace(best, start_time=best.start_time + k * period / parts) for k in turns]
+            best = max(moved, key=lambda t: found.scaled([t])[0])
+        out.append(best)
+    return tuple(out)
+
+
+def needed(found: Told, trials: Sequence[Trial]) -> Told:
+    """Without those beside the play that foretell nothing now that it is there."""
+    for name in found.model.names[:-1]:
+        bare = replace(found, model=found.model.without(found.model.names.index(name)))
+        found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
+    return found

@@ -1,0 +1,218 @@
+"""A play of the measuring head in a loop that cycles across it, named by prediction.
+
+The contest judges by free runs; a loop that cycles across a play of what it measures parts from a recording
+within a second, right in every number. From sample to sample the head tells all the while on which side of
+the play the machine pushes it (`slipping`): the play is fitted to what that filter leaves, with who else is
+missing beside it (`joining`), and stands against what the contest came to by log p(y | r) of the same
+samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.amounts import NAMES
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict.company import along, separable
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.joining import (
+    LEAST,
+    Company,
+    exchanged,
+    in_place,
+    in_step,
+    joined,
+    needed,
+)
+from ffl.diagnose.predict.moving import gap_at, moved
+from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
+from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, UNEXPLAINED, crossed
+from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
+from ffl.diagnose.recorded.trials import Trial
+from ffl.systems.plant import EffectSpec
+
+GRID = np.geomspace(
+    1e-4, 0.03, 48
+)  # of the travel: narrow valleys, between two of which all is in vain
+MOVES = (0.02, 0.004, 0.001)  # relative, of a gap that others have joined
+TRIES = 10  # moves either way
+POLISH = (0.1, 0.03, 0.01)  # of the numbers of all effects, at the end
+ROUGH = 25.0  # times the log-likelihood that a better start brings or does not
+LEVELS = (1.0, 10.0)  # times the force noise, under which a gap is looked for
+STARTS = 3  # gaps of the grid that are fitted
+
+
+def with_loose_head(
+    scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
+) -> Outcome:
+    """`outcome`, or, where a play of the measuring head foretells fitted and held-out recordings clearly
+    better than all that the contest named, that play with who else is missing; `told`: the model with no
+    effect, `prior`: noise as the plant file states it."""
+    standing = outcome.standing
+    if held is None or told.acting or standing.predicted or scene.plain or told.base.is_process:
+        return outcome
+    if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
+        return outcome
+    scene = replace(scene, noise=partly_coloured(prior))
+    left = scene.residuals(standing.model)
+    if left is not None and np.mean(replace(scene, noise=prior).whiten(left) ** 2) < UNEXPLAINED:
+        return outcome
+    begun = start(scene, told, standing.model)
+    if begun is None:
+        return outcome
+    company = Company(begun, tuple(shortened(scene, LOOK)))
+    company = joined(company, scene, able, regapped)
+    clocks = [trial.start_time for trial in company.trials]
+    trials = tuple(replace(t, start_time=c) for t, c in zip(scene.trials, clocks, strict=True))
+    found = regapped(needed(regapped(company.found, trials), trials), trials)
+    company = exchanged(replace(company, found=found, trials=trials), regapped)
+    found = claimed(company.found, replace(scene, trials=trials))
+
+    def told_of(found: Slip) -> Judged | None:
+        return _judged(found, scene, held, trials, prior)
+
+    judged, bare = told_of(found), told_of(closed(found, trials))
+    if judged is None or bare is None:
+        return outcome
+    before = replace(standing, held_out=held.like(standing.scene).by_free_run(standing.model))
+    gains = [
+        b - a for one in (bare, before) for a, b in zip(_worth(one), _worth(judged), strict=True)
+    ]
+    if min(gains) < CLEAR:
+        return outcome
+    name = (*before.model.names, "nothing")[0]
+    contenders = {
+        "backlash": [("backlash", judged), (name, before)],
+        **_contenders(company, found, judged, told_of),
+    }
+    steps = [*outcome.steps, Step(before, (), (judged,), judged)]
+    return Outcome(judged, steps, judged.held, contenders)
+
+
+def able(spec: EffectSpec) -> bool:
+    """Whether the filter can take the effect beside the play; a mass or damping is the model's own number
+    until it crosses the line."""
+    if spec.name in NAMES.values():
+        return False
+    return spec.name in LINEAR or spec.name in FORMS or along(spec) or separable(spec)
+
+
+def start(scene: Scene, told: Model, stood: Model) -> Slip | None:
+    """The best gap of a grid, fitted, under the least noise that shows it; None where no gap foretells
+    better than none. (Who else is missing hides a play where the filter trusts a model without it; more
+    force noise lets it follow.)"""
+    trials, travel = shortened(scene, GLANCE), told.base.travel
+    bare = [told, replace(told, corrections=stood.corrections)]
+    if Slip(told, scene.noise).predict(trials) is None:
+        return None
+    for loose in LEVELS:
+        noise = loosened(scene.noise, loose)
+        none = [Slip(model, noise) for model in bare]
+        grid = [_with_gap(model, gap * travel, noise) for model in bare for gap in GRID]
+        grid.sort(key=lambda h: -h.worth(trials))
+        if grid[0].worth(trials) <= max(h.worth(trials) for h in none):
+            continue
+        least = max(refitted(h, trials).worth(trials) for h in none)
+        fitted = [refitted(rescanned(h, trials), trials) for h in grid[:STARTS]]
+        best = max(fitted, key=lambda h: h.worth(trials))
+        if best.worth(trials) > least + PROMISES:
+            return replace(best, noise=scene.noise)
+    return None
+
+
+def regapped(found: Slip, trials: Sequence[Trial]) -> Slip:
+    """All numbers fitted again under less and less force noise beyond its own, the gap by itself before:
+    who was missing may have been in it, and where the filter is sure its valleys are many and narrow."""
+    noise, begun = found.noise, found
+    for loose in LOOSENESS[1:]:
+        found = replace(found, noise=loosened(noise, loose))
+        found = refitted(rescanned(found, trials), trials)
+    best = max((begun, found), key=lambda h: h.worth(trials))
+    return refitted(moved(best, trials, POLISH), trials)
+
+
+def rescanned(found: Slip, trials: Sequence[Trial]) -> Slip:
+    """The gap moved, first to the best valley near, then as long as that helps."""
+    at = gap_at(found.model)
+
+    def times(share: float) -> Slip:
+        theta = found.theta
+        theta[at] *= share
+        return found.at(theta)
+
+    worth = found.worth(trials)
+    for size in MOVES:
+        near = [times(1.0 + k * size) for k in range(-TRIES, TRIES + 1) if k]
+        best = max(near, key=lambda h: h.worth(trials))
+        if (value := best.worth(trials)) > worth:
+            found, worth = best, value
+    return found
+
+
+def claimed(found: Slip, scene: Scene) -> Slip:
+    """`found` with a mass or damping beyond the contract's line as the effect it is, where without it the
+    recordings are foretold clearly worse."""
+    other = crossed(found, scene)
+    beyond = {
+        k for k, name in NAMES.items() if name in set(other.model.names) - set(found.model.names)
+    }
+    corrections = {k: v for k, v in found.model.corrections.items() if k not in beyond}
+    model = replace(found.model, corrections=corrections, held=found.model.held | beyond)
+    told = regapped(replace(found, model=model), scene.trials) if beyond else found
+    return other if other.worth(scene.trials) > told.worth(scene.trials) + LEAST else found
+
+
+def closed(found: Slip, trials: tuple[Trial, ...]) -> Slip:
+    """The same company without the play, all else fitted again."""
+    bare = replace(found, model=replace(found.model, effects=found.model.effects[:-1]))
+    return refitted(bare, trials)
+
+
+def _with_gap(model: Model, gap: float, noise: Noise) -> Slip:
+    spec = EffectSpec("backlash", {"gap": float(gap)}, {"kind": "play"})
+    return Slip(replace(model, effects=(*model.effects, spec)), noise)
+
+
+def _judged(
+    found: Slip, scene: Scene, held: Scene, trials: tuple[Trial, ...], prior: Noise
+) -> Judged | None:
+    """As a hypothesis of the contest, on the clocks that suit it."""
+    fitted, factor = found.scaled(trials)
+    found = replace(found, noise=found.noise.scaled(factor))
+    if scene.free_clocks:
+        held = replace(held, trials=in_step(found, held.trials, 0))
+    stated = partly_coloured(prior)
+    louder = max(found.noise.sensor / stated.sensor, found.noise.force / stated.force)
+    scene = replace(scene, trials=trials)
+    return found.judged(scene, held, fitted, max(1.0, louder / BELIEVED))
+
+
+def _worth(judged: Judged) -> tuple[float, float]:
+    """Of the fitted recordings, its numbers charged, and of the held-out ones."""
+    return judged.score - judged.held_out, judged.held_out
+
+
+def _contenders(
+    company: Company[Slip], found: Slip, judged: Judged, told: Callable[[Slip], Judged | None]
+) -> dict[str, list[tuple[str, Judged]]]:
+    """For each who joined, and stayed, those that were tried in its place, as they are `told`; what lies
+    between them counts for as little as the likelihood is rough."""
+    out = {}
+    for spec in found.model.effects[:-1]:
+        out[spec.name] = [(spec.name, judged)]
+        for other in company.rivals.get(spec.name, ()):
+            if other.name in found.model.names:
+                continue
+            one = told(regapped(in_place(found, spec.name, other), company.trials))
+            if one is not None:
+                apart = (one.score - judged.score) / ROUGH
+                like = replace(one, fitted=one.fitted + judged.score + apart - one.score)
+                out[spec.name].append((other.name, like))
+    return out

@@ -1,0 +1,147 @@
+"""A play of the measuring head that a loop cycles across: told by prediction, with who else is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.stats
+
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict.clipped import _behind_play, _side
+from ffl.diagnose.predict.company import forces_along
+from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined
+from ffl.diagnose.predict.loose_head import able, regapped, start, with_loose_head
+from ffl.diagnose.predict.slipping import Slip
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine
+from ffl.systems import EffectSpec
+
+GAP = 4e-4
+PLAY = EffectSpec("backlash", {"gap": GAP}, {"kind": "play"})
+LATE = EffectSpec("input_delay", {"delay": 2.5e-3})
+SPRING = EffectSpec("hardening_spring", {"cubic_coefficient": 2e4, "centre": 0.0})
+HUM = EffectSpec("periodic_disturbance", {"amplitude": 1.0, "frequency": 7.3, "phase": 0.4})
+NOISE = Noise(1e-6, 2e-3)
+
+
+@pytest.fixture(scope="module")
+def seen(stage, references):  # type: ignore[no-untyped-def]
+    """(fitted scene, held-out scene, model without effects) of a machine with these effects."""
+    known = replace(stage, machine=replace(stage.machine, sensor_noise=NOISE.sensor))
+
+    def of(*effects, seed=0):  # type: ignore[no-untyped-def]
+        rng = np.random.default_rng(seed)
+        machine = SimulatedMachine(replace(known, effects=effects))
+        runs = [machine.run(r, 0 * r, rng) for r in references]
+        base = Base.of(known, max(float(np.ptp(r.y)) for r in runs))
+        trials = [prepare(base.simulator, r, NOISE.sensor) for r in runs]
+        return *(Scene(known.loop, (t,), NOISE) for t in trials), Model(base)
+
+    return of
+
+
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, -1.0), (-1.0, 0.5), (1.0, 3.0), (2.0, np.inf)])
+def test_moments_of_a_side(low, high):
+    d = scipy.stats.truncnorm(low, high)
+    share, mean, square = _side(low, high)
+    assert share == pytest.approx(scipy.stats.norm.cdf(high) - scipy.stats.norm.cdf(low), rel=1e-9)
+    assert (mean, square) == (pytest.approx(d.mean(), rel=1e-7), pytest.approx(d.var(), rel=1e-6))
+
+
+@pytest.mark.parametrize("y", [-0.6, 0.0, 0.3, 1.2])
+def test_density_behind_a_play_has_a_peak_for_each_side(y):
+    centre, doubt, own, half = 0.7, 0.4, 0.3, 0.5  # of the stretch and of what moves the head
+    x, p = np.array([0.2, centre]), np.diag([own**2, doubt**2])
+    room = np.zeros(2), np.zeros(2), np.zeros((3, 2)), np.zeros((3, 2, 2))
+    _, _, log = _behind_play(x, p, *room, np.array([1.0, -1.0]), 1, half, y, 0.01)
+    stretch = scipy.stats.norm(centre, doubt)
+
+    def density(z):
+        held = np.clip(z, -half, half)
+        return stretch.pdf(z) * scipy.stats.norm.pdf(y, 0.2 - held, np.sqrt(own**2 + 0.01))
+
+    wanted = scipy.integrate.quad(density, centre - 8 * doubt, centre + 8 * doubt, limit=200)[0]
+    # What lies within the play is truncated, and taken for Gaussian: in its tail that shows.
+    assert log == pytest.approx(np.log(wanted), abs=0.06 if y < 1.0 else 0.5)
+    assert abs(x[1]) <= half
+    assert np.all(np.linalg.eigvalsh(p) >= -1e-12)
+
+
+def test_free_runs_part_where_prediction_does_not(seen):
+    scene, _, model = seen(PLAY)
+    right = model.with_effect(PLAY)
+    free = scene.whiten(scene.residuals(right))
+    foretold = Slip(right, NOISE).predict(scene.trials)[0]
+    assert np.mean(foretold**2) < 1.5
+    assert np.mean(free**2) > 8.0 * np.mean(foretold**2)
+
+
+@pytest.mark.parametrize("spec", [SPRING, HUM])
+def test_forces_along_the_motion_are_taken_where_the_machine_is(seen, spec):
+    """Foretold with the force as with none, where there is none of either."""
+    scene, _, model = seen(PLAY, spec)
+    both = Slip(replace(model, effects=(spec, PLAY)), NOISE)
+    alone = Slip(model.with_effect(PLAY), NOISE)
+    assert both.scaled(scene.trials)[1] < 1.2
+    assert both.scaled(scene.trials)[0] > alone.scaled(scene.trials)[0] + 1000.0
+    at, aside = (forces_along(scene.trials[0], [spec], d)[0] for d in (0.0, 1e-3))
+    assert np.array_equal(at, aside) == (spec is HUM)
+
+
+def test_a_play_is_named_with_who_is_missing_beside_it(seen):
+    scene, held, model = seen(LATE, PLAY)
+    standing = judge(scene, held, model, 4)
+    outcome = with_loose_head(scene, held, Outcome(standing, [], held, {}), model, NOISE)
+    found = outcome.standing
+    assert found.predicted
+    assert set(found.model.names) >= {"backlash"}
+    assert set(found.model.names) <= {"backlash", "input_delay", "actuator_lag"}
+    values = {name: value for e in found.model.effects for name, value in e.parameters.items()}
+    assert values["gap"] == pytest.approx(GAP, rel=0.03)
+    assert values.get("delay", values.get("time_constant")) == pytest.approx(2.5e-3, rel=0.2)
+    beside = next(name for name in found.model.names if name != "backlash")
+    assert {"input_delay", "actuator_lag"} <= {name for name, _ in outcome.contenders[beside]}
+
+
+@pytest.mark.parametrize(
+    "effects", [(), (EffectSpec("coulomb_friction", {"level": 2.0}),), (SPRING,)]
+)
+def test_nothing_is_named_where_no_play_foretells_more(seen, effects):
+    scene, held, model = seen(*effects)
+    before = Outcome(judge(scene, held, model, 4), [], held, {})
+    assert with_loose_head(scene, held, before, model, NOISE) is before
+
+
+def test_clocks_are_moved_to_where_a_hum_is_in_step(seen):
+    scene, _, model = seen(PLAY, HUM)
+    right = Slip(replace(model, effects=(HUM, PLAY)), NOISE)
+    late = tuple(replace(t, start_time=t.start_time + 0.05) for t in scene.trials)
+    again = in_step(right, late, 0)
+    turn = (again[0].start_time - scene.trials[0].start_time) * 7.3
+    assert turn - round(turn) == pytest.approx(0.0, abs=0.02)
+    assert in_step(Slip(model.with_effect(PLAY), NOISE), late, 0) == late
+    assert in_step(right, late, 1) == late
+
+
+def test_who_foretells_better_in_anothers_place_takes_it(seen):
+    scene, _, model = seen(LATE, PLAY)
+    lag = EffectSpec("actuator_lag", {"time_constant": 2.5e-3})
+    begun = Slip(replace(model, effects=(lag, PLAY)), NOISE)
+    company = Company(begun, scene.trials, {"actuator_lag": [LATE]})
+    after = exchanged(company, regapped)
+    assert after.found.model.names == ("input_delay", "backlash")
+    assert after.rivals == {"input_delay": [lag]}
+    assert joined(replace(after, rivals={}), scene, able, regapped).found.model.names == (
+        "input_delay",
+        "backlash",
+    )
+
+
+def test_no_gap_is_begun_with_where_none_is(seen):
+    scene, _, model = seen()
+    assert start(scene, model, model) is None
