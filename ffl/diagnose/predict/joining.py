@@ -25,13 +25,13 @@ from ffl.diagnose.screen.shortlist import shortlist
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 
-MOST = 3  # effects beside the play
+MOST = 2  # effects beside the play
 FAINT = 16.0  # first-order gain below which nobody is tried
 # Moments of contact jump with every number, which makes the likelihood rough by a hundred or two:
 LEAST = 250.0  # log-likelihood that joining brings
 WORTH = 0.015  # the same, a sample
-RIVALS = 2  # that are told beside who joins
-FINALISTS = 2  # whose numbers are all found again
+RIVALS = 1  # that are told beside who joins
+FINALISTS = 1  # whose numbers are all found again
 TURNS = (8, 16, 32, 64)  # parts of a period by which a clock is moved, finer and finer
 Able = Callable[[EffectSpec], bool]
 Settled = Callable[[Told, Sequence[Trial]], Told]
@@ -58,7 +58,6 @@ def joined(
     `able` to take; `settled` finds the play's own numbers again, of the best few and of those without
     them."""
     while not company.full:
-        company = replace(company, found=settled(company.found, company.trials))
         found, trials = company.found, company.trials
         tried: dict[str, tuple[Told, tuple[Trial, ...]]] = {}
         for c in proposed(company, scene, able):
@@ -69,6 +68,9 @@ def joined(
         ranked = sorted(tried.values(), key=lambda pair: -charged(*pair))
         ahead = [(settled(h, on), on) for h, on in ranked[:FINALISTS]]
         ahead.sort(key=lambda pair: -charged(*pair))
+        if ahead:  # what settling alone brings is not credited to who joins
+            found = settled(found, trials)
+            company = replace(company, found=found)
         least = max(LEAST, WORTH * sum(map(len, trials)))
         if not ahead or charged(*ahead[0]) < charged(found, trials) + least:
             break
@@ -76,6 +78,17 @@ def joined(
         others = [h.model.effects[-2] for h, _ in (*ahead[1:], *ranked[FINALISTS:])]
         name = best.model.effects[-2].name
         company = Company(best, on, {**company.rivals, name: others[:RIVALS]})
+    return company
+
+
+def proven(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
+    """`company` without those whom the rest, settled without them, does not miss."""
+    for name in company.found.model.names[:-1]:
+        model = company.found.model
+        bare = replace(company.found, model=model.without(model.names.index(name)))
+        bare = settled(bare, company.trials)
+        if charged(bare, company.trials) > charged(company.found, company.trials) - LEAST:
+            company = replace(company, found=bare)
     return company
 
 

@@ -25,11 +25,12 @@ from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import (
     LEAST,
     Company,
+    charged,
     exchanged,
     in_place,
     in_step,
     joined,
-    needed,
+    proven,
 )
 from ffl.diagnose.predict.moving import gap_at, moved
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
@@ -67,13 +68,12 @@ def with_loose_head(
     begun = start(scene, told, standing.model)
     if begun is None:
         return outcome
-    company = Company(begun, tuple(shortened(scene, LOOK)))
-    company = joined(company, scene, able, regapped)
+    short = tuple(shortened(scene, LOOK))
+    company = joined(Company(regapped(begun, short), short), scene, able, regapped)
+    company = exchanged(proven(company, regapped), regapped)
     clocks = [trial.start_time for trial in company.trials]
     trials = tuple(replace(t, start_time=c) for t, c in zip(scene.trials, clocks, strict=True))
-    found = regapped(needed(regapped(company.found, trials), trials), trials)
-    company = exchanged(replace(company, found=found, trials=trials), regapped)
-    found = claimed(company.found, replace(scene, trials=trials))
+    found = claimed(polished(company.found, trials), replace(scene, trials=trials))
 
     def told_of(found: Slip) -> Judged | None:
         return _judged(found, scene, held, trials, prior)
@@ -138,6 +138,12 @@ def regapped(found: Slip, trials: Sequence[Trial]) -> Slip:
     return refitted(moved(best, trials, POLISH), trials)
 
 
+def polished(found: Slip, trials: Sequence[Trial]) -> Slip:
+    """All numbers fitted to all samples."""
+    found = refitted(rescanned(found, trials), trials)
+    return refitted(moved(found, trials, POLISH[1:]), trials)
+
+
 def rescanned(found: Slip, trials: Sequence[Trial]) -> Slip:
     """The gap moved, first to the best valley near, then as long as that helps."""
     at = gap_at(found.model)
@@ -165,7 +171,7 @@ def claimed(found: Slip, scene: Scene) -> Slip:
     }
     corrections = {k: v for k, v in found.model.corrections.items() if k not in beyond}
     model = replace(found.model, corrections=corrections, held=found.model.held | beyond)
-    told = regapped(replace(found, model=model), scene.trials) if beyond else found
+    told = polished(replace(found, model=model), scene.trials) if beyond else found
     return other if other.worth(scene.trials) > told.worth(scene.trials) + LEAST else found
 
 
@@ -208,11 +214,13 @@ def _contenders(
     for spec in found.model.effects[:-1]:
         out[spec.name] = [(spec.name, judged)]
         for other in company.rivals.get(spec.name, ()):
-            if other.name in found.model.names:
+            if {spec.name, other.name} & set(company.found.model.names) != {spec.name}:
                 continue
-            one = told(regapped(in_place(found, spec.name, other), company.trials))
+            rival = regapped(in_place(company.found, spec.name, other), company.trials)
+            one = told(rival)
             if one is not None:
-                apart = (one.score - judged.score) / ROUGH
-                like = replace(one, fitted=one.fitted + judged.score + apart - one.score)
+                apart = charged(rival, company.trials) - charged(company.found, company.trials)
+                score = judged.score + apart / ROUGH
+                like = replace(one, fitted=one.fitted + score - one.score)
                 out[spec.name].append((other.name, like))
     return out

@@ -14,7 +14,7 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.clipped import _behind_play, _side
 from ffl.diagnose.predict.company import forces_along
-from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined
+from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
 from ffl.diagnose.predict.loose_head import able, regapped, start, with_loose_head
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
@@ -145,3 +145,11 @@ def test_who_foretells_better_in_anothers_place_takes_it(seen):
 def test_no_gap_is_begun_with_where_none_is(seen):
     scene, _, model = seen()
     assert start(scene, model, model) is None
+
+
+def test_who_is_not_missed_goes(seen):
+    scene, _, model = seen(LATE, PLAY)
+    idle = EffectSpec("constant_load", {"force": 1e-3})
+    begun = Slip(replace(model, effects=(LATE, idle, PLAY)), NOISE)
+    after = proven(Company(begun, scene.trials), regapped)
+    assert after.found.model.names == ("input_delay", "backlash")
