@@ -31,7 +31,6 @@ FAINT = 16.0  # first-order gain below which nobody is tried
 LEAST = 250.0  # log-likelihood that joining brings
 WORTH = 0.015  # the same, a sample
 RIVALS = 1  # that are told beside who joins
-FINALISTS = 1  # whose numbers are all found again
 TURNS = (8, 16, 32, 64)  # parts of a period by which a clock is moved, finer and finer
 Able = Callable[[EffectSpec], bool]
 Settled = Callable[[Told, Sequence[Trial]], Told]
@@ -55,8 +54,7 @@ def joined(
     company: Company[Told], scene: Scene, able: Able, settled: Settled[Told]
 ) -> Company[Told]:
     """`company` with who foretells its recordings clearly better, one at a time, of whom the filter is
-    `able` to take; `settled` finds the play's own numbers again, of the best few and of those without
-    them."""
+    `able` to take; `settled` finds all numbers again, of the best and of those without it."""
     while not company.full:
         found, trials = company.found, company.trials
         tried: dict[str, tuple[Told, tuple[Trial, ...]]] = {}
@@ -65,19 +63,16 @@ def joined(
             best = tried.get(c.spec.name)
             if best is None or charged(*one) > charged(*best):
                 tried[c.spec.name] = one
-        ranked = sorted(tried.values(), key=lambda pair: -charged(*pair))
-        ahead = [(settled(h, on), on) for h, on in ranked[:FINALISTS]]
-        ahead.sort(key=lambda pair: -charged(*pair))
-        if ahead:  # what settling alone brings is not credited to who joins
-            found = settled(found, trials)
-            company = replace(company, found=found)
-        least = max(LEAST, WORTH * sum(map(len, trials)))
-        if not ahead or charged(*ahead[0]) < charged(found, trials) + least:
+        if not tried:
             break
-        best, on = ahead[0]
-        others = [h.model.effects[-2] for h, _ in (*ahead[1:], *ranked[FINALISTS:])]
+        ranked = sorted(tried.values(), key=lambda pair: -charged(*pair))
+        best, on = settled(*ranked[0]), ranked[0][1]
+        found = settled(found, trials)  # what settling alone brings is not credited to who joins
+        if charged(best, on) < charged(found, trials) + max(LEAST, WORTH * sum(map(len, trials))):
+            return replace(company, found=found)
+        others = [h.model.effects[-2] for h, _ in ranked[1 : 1 + RIVALS]]
         name = best.model.effects[-2].name
-        company = Company(best, on, {**company.rivals, name: others[:RIVALS]})
+        company = Company(best, on, {**company.rivals, name: others})
     return company
 
 

@@ -39,9 +39,7 @@ from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
-GRID = np.geomspace(
-    1e-4, 0.03, 48
-)  # of the travel: narrow valleys, between two of which all is in vain
+GRID = np.geomspace(1e-4, 0.03, 48)  # of the travel: valleys are narrow, and many
 MOVES = (0.02, 0.004, 0.001)  # relative, of a gap that others have joined
 TRIES = 10  # moves either way
 POLISH = (0.1, 0.03, 0.01)  # of the numbers of all effects, at the end
