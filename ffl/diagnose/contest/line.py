@@ -22,7 +22,7 @@ from ffl.diagnose.contest.judging import (
 )
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import KEEP, RIVALS, SUBSTITUTE
+from ffl.diagnose.contest.settle import KEEP, PLIABLE, RIVALS, SUBSTITUTE, settle
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Model
@@ -111,27 +111,40 @@ def against_the_refused(
     held: Scene | None, judged: Judged, outcome: Outcome
 ) -> tuple[Judged, Outcome]:
     """(`judged` or who does more in its place, `outcome` with those as contenders) where an effect stands
-    alone that came in as a number of the model's own: with that number on the line the best of the last
+    last that came in as a number of the model's own: with that number on the line the best of the last
     round are held against it once more, by its noise. (Dry friction in noise: 44 ahead of a damping beyond
-    the line and refused for 6 on the recordings that judge, under noise that made no difference of it.)"""
-    if len(judged.model.effects) != 1 or not outcome.steps:
+    the line and refused for 6 on the recordings that judge, under noise that made no difference of it. Drag
+    beside a Stribeck friction, refused for the little that it brought beside a damping of 5 times the
+    model's: without that the two were 32 ahead, and plain friction with drag 36.)"""
+    if not outcome.steps or not judged.model.effects:
         return judged, outcome
-    name = judged.model.names[0]
+    *company, name = judged.model.names
     if name not in NAMES.values() or name in outcome.contenders:
+        return judged, outcome
+    if company and tuple(company) != outcome.standing.model.names:
         return judged, outcome
     best: dict[str, Judged] = {}
     for rival in sorted(outcome.steps[-1].rivals, key=lambda r: -r.score):
-        if len(rival.model.effects) == 1 and credible(rival):
-            best.setdefault(rival.model.names[0], rival)
+        if rival.model.names[:-1] == tuple(company) and credible(rival):
+            best.setdefault(rival.model.names[-1], rival)
     alone, scene = outcome.standing, judged.scene
-    refused = [replace(r, scene=scene) for r in (alone, *list(best.values())[:RIVALS])]
+    refused = [
+        judge(scene, held, r.model, 4, r.fit) for r in (alone, *list(best.values())[:RIVALS])
+    ]
     found = [on_the_line(held, r) for r in refused]
     plain, judged, *found = levelled([found[0], judged, *found[1:]])
-    contenders = [(name, judged), *((j.model.names[0], j) for j in found)]
+    contenders = {
+        **outcome.contenders,
+        name: [(name, judged), *((j.model.names[-1], j) for j in found)],
+    }
     first = max(found, key=lambda j: j.score, default=judged)
     if first.score > judged.score + SUBSTITUTE and earns(first, plain, KEEP):
-        name, judged = first.model.names[0], across_the_line(scene, held, first)
-    return judged, replace(outcome, contenders={**outcome.contenders, name: contenders})
+        contenders = {**outcome.contenders, first.model.names[-1]: contenders[name]}
+        if company:  # others may suit it better
+            first, told = settle(scene, held, first, outcome.steps, PLIABLE, lambda line: None, {})
+            contenders = {**contenders, **told}
+        judged = across_the_line(scene, held, first)
+    return judged, replace(outcome, contenders=contenders)
 
 
 def _netted(held: Scene | None, judged: Judged) -> Judged:

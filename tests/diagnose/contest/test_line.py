@@ -193,6 +193,32 @@ def test_a_number_beyond_the_line_stands_against_who_was_refused(stage, record, 
 
 
 @pytest.mark.parametrize(
+    "true",
+    [
+        EffectSpec("quadratic_drag", {"coefficient": 60.0}),
+        EffectSpec("viscous_friction", {"coefficient": 20.0}),
+    ],
+)
+def test_beside_an_effect_it_does_as_well(stage, record, true):  # type: ignore[no-untyped-def]
+    """A drag was refused beside a friction for the little that it brings over a free damping."""
+    dry = EffectSpec("coulomb_friction", {"level": 1.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(dry, true))))
+    alone = judge(scene, None, model.with_effect(dry), rounds=10)
+    drag = EffectSpec("quadratic_drag", {"coefficient": 10.0})
+    refused = judge(scene, None, alone.model.with_effect(drag), rounds=10)
+    step = Step(alone, (), (refused,), None)
+    outcome = Outcome(alone, [step], None, {"coulomb_friction": [("coulomb_friction", alone)]})
+    standing = across_the_line(scene, None, alone)
+    assert standing.model.names == ("coulomb_friction", "viscous_friction")
+    found, after = against_the_refused(None, standing, outcome)
+    assert set(found.model.names) == {"coulomb_friction", true.name}
+    values = {spec.name: next(iter(spec.parameters.values())) for spec in found.model.effects}
+    assert values[true.name] == pytest.approx(next(iter(true.parameters.values())), rel=0.1)
+    assert values["coulomb_friction"] == pytest.approx(1.0, rel=0.1)
+    assert set(after.contenders) >= {"coulomb_friction", true.name}
+
+
+@pytest.mark.parametrize(
     ("gain", "lag", "claimed"),
     [(0.015, -0.019, False), (0.0, -0.03, True), (0.03, 0.0, True), (-0.018, 0.018, False)],
 )
