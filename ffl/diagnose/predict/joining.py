@@ -30,7 +30,6 @@ FAINT = 16.0  # first-order gain below which nobody is tried
 # Moments of contact jump with every number, which makes the likelihood rough by a hundred or two:
 LEAST = 250.0  # log-likelihood that joining brings
 WORTH = 0.015  # the same, a sample
-RIVALS = 1  # that are told beside who joins
 TURNS = (8, 16, 32, 64)  # parts of a period by which a clock is moved, finer and finer
 Able = Callable[[EffectSpec], bool]
 Settled = Callable[[Told, Sequence[Trial]], Told]
@@ -38,12 +37,12 @@ Settled = Callable[[Told, Sequence[Trial]], Told]
 
 @dataclass(frozen=True)
 class Company(Generic[Told]):
-    """What is `found`, its play last, on the clocks of `trials`; the `rivals` of each that joined, best
-    first, as they came out in its place."""
+    """What is `found`, its play last, on the clocks of `trials`; for each that joined the best of its
+    `rivals`, what was found with another in its place."""
 
     found: Told
     trials: tuple[Trial, ...]
-    rivals: Mapping[str, Sequence[EffectSpec]] = field(default_factory=dict)
+    rivals: Mapping[str, Told] = field(default_factory=dict)
 
     @property
     def full(self) -> bool:
@@ -70,9 +69,10 @@ def joined(
         found = settled(found, trials)  # what settling alone brings is not credited to who joins
         if charged(best, on) < charged(found, trials) + max(LEAST, WORTH * sum(map(len, trials))):
             return replace(company, found=found)
-        others = [h.model.effects[-2] for h, _ in ranked[1 : 1 + RIVALS]]
-        name = best.model.effects[-2].name
-        company = Company(best, on, {**company.rivals, name: others})
+        rivals = dict(company.rivals)
+        if ranked[1:]:
+            rivals[best.model.effects[-2].name] = ranked[1][0]
+        company = Company(best, on, rivals)
     return company
 
 
@@ -88,18 +88,21 @@ def proven(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
 
 
 def exchanged(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
-    """`company` with the best rival of each that joined in its place where that foretells better."""
-    for name, others in company.rivals.items():
-        names = company.found.model.names
-        if name not in names or not others or others[0].name in names:
+    """`company` with the best rival of each that joined in its place where that foretells better; the
+    rivals are those that then stand aside."""
+    found, trials = company.found, company.trials
+    rivals: dict[str, Told] = {}
+    for name, rival in company.rivals.items():
+        names = found.model.names
+        other = next((s for s in rival.model.effects if s.name not in names), None)
+        if name not in names or other is None:
             continue
-        tried = settled(in_place(company.found, name, others[0]), company.trials)
-        if charged(tried, company.trials) > charged(company.found, company.trials):
-            own = company.found.model.effects[names.index(name)]
-            rivals = {k: v for k, v in company.rivals.items() if k != name}
-            rivals[others[0].name] = [own, *others[1:]]
-            company = replace(company, found=tried, rivals=rivals)
-    return company
+        tried = settled(in_place(found, name, other), trials)
+        if charged(tried, trials) > charged(found, trials):
+            found, rivals[other.name] = tried, found
+        else:
+            rivals[name] = tried
+    return Company(found, trials, rivals)
 
 
 def in_place(found: Told, name: str, other: EffectSpec) -> Told:

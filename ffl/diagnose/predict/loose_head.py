@@ -27,7 +27,6 @@ from ffl.diagnose.predict.joining import (
     Company,
     charged,
     exchanged,
-    in_place,
     in_step,
     joined,
     proven,
@@ -206,19 +205,15 @@ def _worth(judged: Judged) -> tuple[float, float]:
 def _contenders(
     company: Company[Slip], found: Slip, judged: Judged, told: Callable[[Slip], Judged | None]
 ) -> dict[str, list[tuple[str, Judged]]]:
-    """For each who joined, and stayed, those that were tried in its place, as they are `told`; what lies
+    """For each who joined, and stayed, the one that was tried in its place, as it is `told`; what lies
     between them counts for as little as the likelihood is rough."""
-    out = {}
-    for spec in found.model.effects[:-1]:
-        out[spec.name] = [(spec.name, judged)]
-        for other in company.rivals.get(spec.name, ()):
-            if {spec.name, other.name} & set(company.found.model.names) != {spec.name}:
-                continue
-            rival = regapped(in_place(company.found, spec.name, other), company.trials)
-            one = told(rival)
-            if one is not None:
-                apart = charged(rival, company.trials) - charged(company.found, company.trials)
-                score = judged.score + apart / ROUGH
-                like = replace(one, fitted=one.fitted + score - one.score)
-                out[spec.name].append((other.name, like))
+    out = {spec.name: [(spec.name, judged)] for spec in found.model.effects[:-1]}
+    own = company.found.model.names
+    for name, rival in company.rivals.items():
+        one = told(rival)
+        if one is not None:
+            apart = charged(rival, company.trials) - charged(company.found, company.trials)
+            like = replace(one, fitted=one.fitted + judged.score + apart / ROUGH - one.score)
+            (other,) = (n for n in rival.model.names if n not in own)
+            out[name].append((other, like))
     return out

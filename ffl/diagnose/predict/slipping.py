@@ -168,7 +168,7 @@ class Slipping:
             kick[n] += 1.0 / large[n]
         else:
             per, at = float(rows[2] @ force), rows[2]
-            kick = force / per if per else 0.0 * force
+            kick = force / per
         table = self.table * np.array([[1.0], [per], [per]])
         x, p = self._start(trial, power, large[:held], swing)
         again = np.zeros_like(p)

@@ -25,6 +25,7 @@ from numba import njit
 from ffl.diagnose.hypothesis.linear import corrected
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict.clipped import LOST, MEMORY
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.effects.base import Setting
@@ -32,9 +33,6 @@ from ffl.effects.point import Point
 from ffl.systems.state_space import Array
 
 FINE = 0.1  # radian that the contact's resonance turns in one sub-step at most
-# A filter sure of a wrong side of the gap stays there. Innovations of a mean square above LOST, over
-# the last 1/MEMORY samples or so, say that it is; then it forgets where in the gap the coupling is.
-LOST, MEMORY = 6.0, 0.1
 
 
 @njit(cache=True, nogil=True)

@@ -132,10 +132,12 @@ def test_who_foretells_better_in_anothers_place_takes_it(seen):
     scene, _, model = seen(LATE, PLAY)
     lag = EffectSpec("actuator_lag", {"time_constant": 2.5e-3})
     begun = Slip(replace(model, effects=(lag, PLAY)), NOISE)
-    company = Company(begun, scene.trials, {"actuator_lag": [LATE]})
+    rival = replace(begun, model=replace(model, effects=(LATE, PLAY)))
+    company = Company(begun, scene.trials, {"actuator_lag": rival})
     after = exchanged(company, regapped)
     assert after.found.model.names == ("input_delay", "backlash")
-    assert after.rivals == {"input_delay": [lag]}
+    assert set(after.rivals) == {"input_delay"}
+    assert after.rivals["input_delay"].model.names == ("actuator_lag", "backlash")
     assert joined(replace(after, rivals={}), scene, able, regapped).found.model.names == (
         "input_delay",
         "backlash",
