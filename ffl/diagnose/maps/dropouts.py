@@ -44,6 +44,9 @@ ALIKE = 0.5
 UNTOLD = 5.0  # times `WORTH`: the same where other recordings cannot confirm it
 # Times what the largest rate brings: no sample lost does more than its own force (a magnet 5, a creep 3).
 MOST = 2.0
+# Of what its own rate promises: scatter reached 0.06 of it where recordings judge, what was lost at
+# least 0.24.
+KEPT = 0.12
 AGAIN = 0.3  # of what is to be expected of recordings that judge, from which they are asked
 ENERGY = 0.999  # of what one sample does to the residual, from which its length is taken
 MEMORY = 2048  # samples of it at most
@@ -73,7 +76,7 @@ class Search:
     @property
     def found(self) -> bool:
         more = self.gain - max(self.other, 0.0) > WORTH and self.other < ALIKE * self.gain
-        return more and self.gain < MOST * self.most
+        return more and KEPT * self.promise < self.gain < MOST * self.most
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,9 @@ def compare(
         if drawn is not None:
             gained = drawn.evidence
             return Contest("unnamed", drawn, None, gained, 0.0, None, drawn.variables, led=True)
-    fitted, held_out, promised = _gains(scene, held, standing, alone) if alone else (0.0, 0.0, 0.0)
+    fitted, held_out, promised = (
+        _gains(scene, held, standing, nominal, alone) if alone else (0.0, 0.0, 0.0)
+    )
     gains = fitted, held_out
     if not named:
         # Over numbers of the linear model that have converged; recordings that hardly show what the
@@ -243,11 +245,11 @@ def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
 
 
 def _gains(
-    scene: Scene, held: Scene | None, standing: Model, alone: FreeForm
+    scene: Scene, held: Scene | None, standing: Model, nominal: Model, alone: FreeForm
 ) -> tuple[float, float, float]:
     """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise, and what
     the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
-    fitted ones leave open is no map's."""
+    fitted ones leave open, or get wrong, is no map's."""
     quiet = scene.like(alone.scene)
     left = quiet.residuals(standing)
     if left is None:
@@ -257,7 +259,7 @@ def _gains(
     if held is None or not held.trials:
         return fitted, fitted, np.inf
     judged, bare = held.like(alone.scene), alone.free.model
-    rivals = [standing]
+    rivals = [standing] if standing.effects else [standing, nominal]
     if not standing.effects and 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
         rivals.append(bare)
     gained, promised = [], []

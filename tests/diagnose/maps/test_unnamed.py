@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ffl.challenge.make import null_case
 from ffl.diagnose import diagnose
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
@@ -22,6 +23,7 @@ from ffl.effects import Motion
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording, read_recording
 from ffl.report.diagnosis import write
+from ffl.systems import load_plant
 from ffl.systems.plant import EffectSpec
 
 BEGINS, STIFFNESS = 0.03, 400.0
@@ -91,6 +93,24 @@ def test_the_experiment_stays_within_what_was_seen_and_is_a_file(stopped, stage,
     rows = np.column_stack([table, np.zeros(len(table)), np.cumsum(table[:, 1])])
     np.savetxt(tmp_path / "back.csv", rows, delimiter=",", header="t,r,f,u,y", comments="")
     assert len(read_recording(tmp_path / "back.csv")) == len(e.t)
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(2, id="a map beside corrections that held-out data refute"),
+        pytest.param(96, id="scatter that lost commands would explain a little"),
+    ],
+)
+def test_noise_alone_is_not_called_physics(number, tmp_path):  # type: ignore[no-untyped-def]
+    null_case(number, 2053).save(tmp_path)
+    plant = load_plant(tmp_path / "plant.toml")
+    fitted, judging = (
+        [read_recording(f, sample_time=plant.sample_time) for f in sorted(tmp_path.glob(name))]
+        for name in ("fit_*.csv", "validate_*.csv")
+    )
+    found = diagnose(plant, fitted, judging, rng=np.random.default_rng(number)).answer()
+    assert found["verdict"] == "nothing_missing"
 
 
 @pytest.fixture
