@@ -31,7 +31,7 @@ from ffl.diagnose.predict.joining import (
     joined,
     proven,
 )
-from ffl.diagnose.predict.moving import gap_at, moved
+from ffl.diagnose.predict.moving import doubted, gap_at, moved
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
 from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, UNEXPLAINED, crossed
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
@@ -43,6 +43,7 @@ MOVES = (0.02, 0.004, 0.001)  # relative, of a gap that others have joined
 TRIES = 10  # moves either way
 POLISH = (0.1, 0.03, 0.01)  # of the numbers of all effects, at the end
 ROUGH = 25.0  # times the log-likelihood that a better start brings or does not
+JUMPS = 100.0  # log-likelihood by which moments of contact make it rough
 LEVELS = (1.0, 10.0)  # times the force noise, under which a gap is looked for
 STARTS = 3  # gaps of the grid that are fitted
 
@@ -89,6 +90,7 @@ def with_loose_head(
         "backlash": [("backlash", judged), (name, before)],
         **_contenders(company, found, judged, told_of),
     }
+    judged = replace(judged, fit=doubted(judged.fit, found, trials, JUMPS))
     steps = [*outcome.steps, Step(before, (), (judged,), judged)]
     return Outcome(judged, steps, judged.held, contenders)
 

@@ -4,15 +4,19 @@ derivatives say little."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.predict.foretold import Told
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
 
 TRIES = 5  # steps of a move
+FAR, SCALE = 0.2, (0.1, 3.0)  # of a unit, where a search for doubt begins; of a step the next
+STEEP, REACHES = 20.0, 8  # times the roughness: a fall that tells a curvature, and tries to find it
 MOVES = (0.2, 0.1, 0.05)  # of a number's unit, one after the other
 
 
@@ -41,6 +45,37 @@ def walked(point: Told, worth: float, way: Array, trials: Sequence[Trial]) -> tu
                 break
             point, worth = tried, value
     return point, worth
+
+
+def doubted(fit: Fit, point: Told, trials: Sequence[Trial], rough: float) -> Fit:
+    """`fit` of `point` with standard errors of the effects' numbers no smaller than a likelihood that is
+    `rough` by so much can tell. Where it falls by x^2/(2 s^2) over x its best is no nearer to the truth
+    than s sqrt(1 + 2 rough): asked along each combination of numbers that the derivatives tell apart, of
+    which those with a jump in them say far too much, over a fall that is many times the roughness; a unit
+    at most."""
+    own = [k for k, c in enumerate(point.model.coordinates) if c.kind != "correction"]
+    unit = units(point)[own]
+    table = fit.jacobian[:, own] * unit
+    _, told, ways = np.linalg.svd(table, full_matrices=False)
+    worth, share = point.worth(trials), np.ones(len(told))
+    for k, way in enumerate(ways):
+        step = np.zeros(len(point.theta))
+        step[own], length, fall = unit * way, FAR, 0.0
+        for _ in range(REACHES):
+            there = [point.at(point.theta + x * step).worth(trials) for x in (length, -length)]
+            fall = float(np.mean(np.maximum(worth - np.array(there), 0.0)))
+            if rough < fall < STEEP * rough or (fall <= rough and length >= 1.0):
+                break
+            length *= np.clip(np.sqrt(0.2 * STEEP * rough / max(fall, 1e-300)), *SCALE)
+        seen = np.sqrt(2.0 * fall / (1.0 + 2.0 * rough)) / length  # 1/(s sqrt(1 + 2 rough))
+        share[k] = min(1.0, max(seen, 1.0) / max(told[k], 1e-300))
+    turned = (table @ (ways.T * share) @ ways) / unit
+    changed = []
+    for old in (fit.jacobian, fit.columns):
+        new = old.copy()
+        new[:, own] = turned
+        changed.append(new)
+    return replace(fit, jacobian=changed[0], columns=changed[1])
 
 
 def units(point: Told) -> Array:

@@ -27,11 +27,14 @@ from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.predict.company import separable
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.predict.joining import needed
+from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import GRIDS, LOOSENESS, Hypothesis, closed, settled, start
 from ffl.systems.plant import EffectSpec
 
 QUIET = 2  # levels spared where what is left is no louder than stated noise
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
+ROUGH = 25.0  # log-likelihood by which moments of contact make it so
+LEAST = 4.0 * ROUGH  # that a constant force must bring
 UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
 BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is left
 
@@ -75,6 +78,7 @@ def with_rattling(
     if min(gains) < CLEAR:
         return outcome
     name = (*before.model.names, "nothing")[0]
+    judged = replace(judged, fit=doubted(judged.fit, found, scene.trials, ROUGH))
     step = Step(before, (), (judged,), judged)
     names = {spec.name for spec in beside}
     kept = {k: v for k, v in outcome.contenders.items() if k in names & set(judged.model.names)}
@@ -104,7 +108,7 @@ def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
         joined = replace(found, model=replace(found.model, effects=effects))
         tried.append(refitted(joined, scene.trials))
     best = max(tried, key=lambda h: h.worth(scene.trials))
-    if best.worth(scene.trials) < found.worth(scene.trials) + SHARE * scene.samples:
+    if best.worth(scene.trials) < found.worth(scene.trials) + max(SHARE * scene.samples, LEAST):
         return found
     return settled(best, scene, (1.0,))
 

@@ -11,7 +11,8 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.joining import needed
-from ffl.diagnose.predict.play import Hypothesis, settled, start
+from ffl.diagnose.predict.moving import doubted, gap_at
+from ffl.diagnose.predict.play import Hypothesis, _along_valley, settled, start
 from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -213,3 +214,35 @@ def test_noise_partly_coloured_is_as_loud_as_it_was():
     noise = partly_coloured(NOISE)
     assert np.hypot(noise.sensor, noise.sensor_coloured) == pytest.approx(NOISE.sensor)
     assert np.hypot(noise.force, noise.force_coloured) == pytest.approx(NOISE.force)
+
+
+@pytest.fixture(scope="module")
+def astray(plant, rattling):
+    """Where refining may end: gap/(1 + mass ratio) right, and neither of both."""
+    scene, model = scene_of(plant, rattling)
+    form = {"kind": "coupling", "mass_ratio": 1.6, "damping": 0.04}
+    return scene, Hypothesis.of(model, GAP * 2.6 / 1.7, form, NOISE)
+
+
+def test_gap_and_mass_ratio_are_moved_along_their_valley(astray):
+    scene, wrong = astray
+    found = _along_valley(wrong, scene.trials)
+    (spec,) = found.model.effects
+    assert spec.options["mass_ratio"] == pytest.approx(0.7, abs=0.2)
+    assert spec.parameters["gap"] == pytest.approx(GAP, rel=0.12)
+    again = spec.parameters["gap"] / (1.0 + spec.options["mass_ratio"])
+    assert again == pytest.approx(GAP / 1.7, rel=1e-6)
+
+
+def test_standard_errors_of_a_play_hold_the_truth(astray):
+    """Derivatives with a jump in them tell a gap closer than it is."""
+    scene, wrong = astray
+    point = _along_valley(wrong, scene.trials)
+    told = point.fit(scene.trials)
+    at = gap_at(point.model)
+    off = abs(point.theta[at] - GAP)
+    wider = doubted(told, point, scene.trials, 25.0)
+    assert wider.spread[at] > 1.5 * told.spread[at]
+    assert off < 2.5 * wider.spread[at] < 0.5 * GAP
+    corrections = slice(0, 4)
+    assert np.array_equal(wider.jacobian[:, corrections], told.jacobian[:, corrections])
