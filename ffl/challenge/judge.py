@@ -19,7 +19,7 @@ FAULT_WORDS = {
     "sample_time": ("sample time", "sample_time", "clock", "sampling"),
     "frozen_sensor": ("frozen", "stuck", "constant"),
     "clipped_sensor": ("clip", "saturat", "limit"),
-    "gaps": ("gap", "missing sample", "uneven", "sample time", "irregular"),
+    "gaps": ("gap", "missing sample", "samples missing", "uneven", "sample time", "irregular"),
     "wrong_controller": ("controller",),
 }
 SKIPPED_PARAMETERS = ("table", "kind", "centre")
