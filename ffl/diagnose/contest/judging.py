@@ -25,7 +25,9 @@ PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: ha
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 PASSES = 4  # most changes of noise while one hypothesis is fitted
 BOTH = 0.1  # of what held-out recordings gain, clearly, that the fitted ones may lose
-SHARE = 0.004  # of the number of samples: log-likelihood that a further effect must bring
+SHARE = (
+    0.004  # of the number of (independent) samples: log-likelihood that a further effect must bring
+)
 CLEARLY = 1.25  # times the held-out mean square: enough where little of it is independent
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 BINS = 4096  # frequencies over which noise is summed up
@@ -277,7 +279,9 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     if base.model.effects:  # the first one's imperfection must not be patched with a second
         if fitted < SHARE * len(base.fit.white):
             return False
-        drop, share = mean_square(base) / mean_square(rival), SHARE * len(base.held_white)
+        drop = mean_square(base) / mean_square(rival)
+        # Of the independent ones: slow misfit may leave 5 of 464, which could not bring 1.9 by any effect.
+        share = SHARE * max(base.independent, rival.independent)
         told = promise(rival.held_white, base.held_white) * _worth(base)
         untold = told < share and fitted > (CONFIRMS if held > HALF * told else UNTOLD)
         # It would show there, and does not: a mode of 0.4 damping made up for a rough contact, 1,478

@@ -173,15 +173,13 @@ def _without_spring(held: Scene | None, judged: Judged, net: Model, gone: Effect
 
 
 def _pruned(held: Scene | None, judged: Judged) -> Judged:
-    """`judged` without those effects that, since a correction is held on the line, are worth nothing:
-    they stood beside one far beyond it."""
-    for name in judged.model.names:
-        if name in judged.model.proven:
-            continue
-        bare = judged.model.without(judged.model.names.index(name))
-        other, judged = levelled([judge(judged.scene, held, bare, 6, judged.fit), judged])
-        if other.score > judged.score - KEEP:
-            judged = other
+    """`judged` with those effects alone, and in that form, that since a correction is held on the line are
+    worth something: they stood beside one far beyond it."""
+    judged, _ = settle(judged.scene, held, judged, (), PLIABLE, lambda line: None, {})
+    if len(judged.model.effects) == 1 and not judged.model.proven:
+        bare = judge(judged.scene, held, judged.model.without(0), 6, judged.fit)
+        bare, judged = levelled([bare, judged])
+        judged = bare if bare.score > judged.score - KEEP else judged
     return judged
 
 

@@ -76,7 +76,12 @@ class Search:
     @property
     def found(self) -> bool:
         more = self.gain - max(self.other, 0.0) > WORTH and self.other < ALIKE * self.gain
-        return more and KEPT * self.promise < self.gain < MOST * self.most
+        return more and KEPT * self.promise < self.gain and self.possible
+
+    @property
+    def possible(self) -> bool:
+        """No more than lost samples can bring."""
+        return self.gain < max(WORTH, MOST * self.most)
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,7 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     if again is None or left is None:
         return None
     confirmed = AGAIN * again.promise > WORTH
-    if not (again.found if confirmed else search.gain > UNTOLD * WORTH):
+    if not (again.found if confirmed else again.possible and search.gain > UNTOLD * WORTH):
         return None  # slow forces and coloured noise are drawn by many samples a little
     return Dropouts(found, search, again, confirmed, white, judge.judge(left))
 

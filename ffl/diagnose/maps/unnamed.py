@@ -259,9 +259,11 @@ def _gains(
     if held is None or not held.trials:
         return fitted, fitted, np.inf
     judged, bare = held.like(alone.scene), alone.free.model
-    rivals = [standing] if standing.effects else [standing, nominal]
-    if not standing.effects and 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
-        rivals.append(bare)
+    rivals = [standing]
+    if not standing.effects:
+        rivals.append(nominal)
+        if 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
+            rivals.append(bare)
     gained, promised = [], []
     for rival in rivals:
         left = judged.residuals(rival)

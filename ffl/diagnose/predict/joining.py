@@ -88,8 +88,8 @@ def proven(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
 
 
 def exchanged(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
-    """`company` with the best rival of each that joined in its place where that foretells better; the
-    rivals are those that then stand aside."""
+    """`company` with the best rival of each that joined in its place where that foretells better; rivals
+    are then those that were tried beside what is found now."""
     found, trials = company.found, company.trials
     rivals: dict[str, Told] = {}
     for name, rival in company.rivals.items():
@@ -99,7 +99,7 @@ def exchanged(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
             continue
         tried = settled(in_place(found, name, other), trials)
         if charged(tried, trials) > charged(found, trials):
-            found, rivals[other.name] = tried, found
+            found, rivals = tried, {other.name: found}
         else:
             rivals[name] = tried
     return Company(found, trials, rivals)

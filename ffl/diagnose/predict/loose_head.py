@@ -85,12 +85,12 @@ def with_loose_head(
     ]
     if min(gains) < CLEAR:
         return outcome
+    judged = replace(judged, fit=doubted(judged.fit, found, trials, JUMPS))
     name = (*before.model.names, "nothing")[0]
     contenders = {
         "backlash": [("backlash", judged), (name, before)],
         **_contenders(company, found, judged, told_of),
     }
-    judged = replace(judged, fit=doubted(judged.fit, found, trials, JUMPS))
     steps = [*outcome.steps, Step(before, (), (judged,), judged)]
     return Outcome(judged, steps, judged.held, contenders)
 

@@ -69,13 +69,9 @@ def doubted(fit: Fit, point: Told, trials: Sequence[Trial], rough: float) -> Fit
             length *= np.clip(np.sqrt(0.2 * STEEP * rough / max(fall, 1e-300)), *SCALE)
         seen = np.sqrt(2.0 * fall / (1.0 + 2.0 * rough)) / length  # 1/(s sqrt(1 + 2 rough))
         share[k] = min(1.0, max(seen, 1.0) / max(told[k], 1e-300))
-    turned = (table @ (ways.T * share) @ ways) / unit
-    changed = []
-    for old in (fit.jacobian, fit.columns):
-        new = old.copy()
-        new[:, own] = turned
-        changed.append(new)
-    return replace(fit, jacobian=changed[0], columns=changed[1])
+    columns = fit.jacobian.copy()
+    columns[:, own] = (table @ (ways.T * share) @ ways) / unit
+    return replace(fit, jacobian=columns, columns=columns)
 
 
 def units(point: Told) -> Array:

@@ -15,7 +15,7 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 RUN = 8  # samples at the limit in a row
-MOVES = 0.01  # of the drive's range: what it must move meanwhile
+MOVES = 0.01  # of its range: what the linear model must move meanwhile
 WIDE = 8.0  # standard deviations of the stated sensor noise that count as one value
 # A machine that sticks where it turns stands still there too, and so does one seen through a play, but
 # they arrive slowly, and at another place every time.
@@ -35,7 +35,7 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
         stood, speeds = [], []
         for r in recordings:
             if np.all(np.isfinite(r.u)):
-                for values, speed in _visits(r, top - wide):
+                for values, speed in _visits(r, _without_limit(plant, r), top - wide):
                     stood.append(values)
                     speeds.append(speed)
         again, sudden = len(stood) >= VISITS, bool(stood) and np.median(speeds) >= SUDDEN
@@ -48,15 +48,23 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
     return None
 
 
-def _visits(r: Recording, least: float) -> list[tuple[Array, float]]:
-    """Magnitudes of y of every stay at `least` or more of RUN samples while the drive moves, and the
-    speed of arrival over the RMS one."""
+def _without_limit(plant: Plant, r: Recording) -> Array:
+    """What the linear model does where the sensor has no limit; where it integrates, and drifts away, what
+    drives it. (A stage rings on under a command that stands; a quick one stands where its command does.)"""
+    if np.abs(plant.system.poles).max(initial=0.0) > 1.0 - 1e-6:
+        return r.u
+    return plant.system.state_space().filter(r.u - r.u[0])
+
+
+def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float]]:
+    """Magnitudes of y of every stay at `least` or more of RUN samples in which without a limit it would
+    have `moved`, and the speed of arrival over the RMS one."""
     size = np.abs(r.y)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (size >= least).astype(int), [0]])))
     usual = float(np.sqrt(np.mean(np.diff(r.y) ** 2))) or 1.0
     out = []
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        if b - a >= RUN and np.ptp(r.u[a:b]) > MOVES * np.ptp(r.u):
+        if b - a >= RUN and np.ptp(moved[a:b]) > MOVES * np.ptp(moved):
             arrival = abs(float(r.y[a - 1] - r.y[a - 2])) / usual if a > 1 else 0.0
             out.append((size[a:b], arrival))
     return out

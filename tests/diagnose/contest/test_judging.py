@@ -86,6 +86,16 @@ def test_what_can_hardly_show_where_it_is_judged_must_be_clear_or_do_what_it_can
     assert earns(_judged(after, fitted, Further), _judged(before, 0.0, Further), 0.0) is earned
 
 
+@pytest.mark.parametrize(("independent", "earned"), [(5.0, True), (float(SAMPLES), False)])
+def test_little_that_judges_asks_for_little(monkeypatch, independent, earned):
+    """0.5 of log-likelihood is much of 5 independent samples of a slow residual, and nothing of 4,000."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    kind = type("Slow", (Further,), {"independent": independent})
+    before = np.random.default_rng(0).standard_normal(SAMPLES)
+    after = before * np.exp(-0.5 / independent)
+    assert earns(_judged(after, 80.0, kind), _judged(before, 0.0, kind), 0.0) is earned
+
+
 @pytest.mark.parametrize(
     ("maps", "names", "astray"),
     [(500.0, 500.0, True), (500.0, 120.0, False), (120.0, 500.0, False)],

@@ -110,6 +110,24 @@ def test_clipping_shows_by_standing_at_one_value_while_the_drive_moves():
     assert clipping(loop, [open_loop(u, y, 1.0)]) is None
 
 
+def test_clipping_shows_while_the_command_stands_and_the_stage_rings_on():
+    u = np.repeat([0.0, 1.0, -0.9, 0.8, -1.0], 300)
+    ringing = Plant("p", Zpk([], [0.99 + 0.1j, 0.99 - 0.1j], 0.0101, 1.0))
+    y = ringing.system.state_space().filter(u)
+    level = 0.8 * np.abs(y).max()
+    found = clipping(ringing, [open_loop(u, np.clip(y, -level, level), 1.0)])
+    assert found is not None
+    assert found.parameters["level"] == pytest.approx(level)
+    assert clipping(ringing, [open_loop(u, y, 1.0)]) is None
+    quick = Plant(
+        "p", Zpk([], [0.1], 0.9, 1.0)
+    )  # it stands where its command does, at full speed before
+    ramps = np.clip(np.cumsum(np.repeat([0.1, -0.1, 0.1, -0.1], 100)), 0.0, 4.0)
+    assert (
+        clipping(quick, [open_loop(ramps, quick.system.state_space().filter(ramps), 1.0)]) is None
+    )
+
+
 def test_slow_process_with_a_dead_zone():
     """2 s sampling, two lags, an operating point: nothing of it may depend on 1 kHz."""
     rng = np.random.default_rng(3)

@@ -141,6 +141,20 @@ def test_what_only_the_recordings_that_judge_gain_by_goes(with_friction, monkeyp
     assert left.model.names == (LEVEL.name,)
 
 
+def test_friction_in_a_wrong_form_makes_room_for_the_right_one(with_friction):  # type: ignore[no-untyped-def]
+    scene, held, model = with_friction
+    skewed = {"level_positive": 1.5, "level_negative": 4.5}
+    off = EffectSpec("asymmetric_friction", skewed, {"side": "motor"})
+    current = judge(scene, held, replace(model, effects=(off, RIPPLE)), 0)
+    without = judge(scene, held, current.model.without(0), 4)
+    found = settling._in_another_form(scene, held, current, without, 0, [], lambda line: None)
+    assert found.model.names == (RIPPLE.name, "coulomb_friction")
+    assert found.model.effects[1].parameters["level"] == pytest.approx(3.0, rel=0.02)
+    plain = judge(scene, held, current.model.without(1), 4)
+    gone = settling._in_another_form(scene, held, current, plain, 1, [], lambda line: None)
+    assert gone is plain  # nothing but dry friction has forms
+
+
 def test_a_rival_that_did_as_well_before_is_still_named_beside_what_stands(with_friction):  # type: ignore[no-untyped-def]
     scene, held, model = with_friction
     own = judge(scene, held, replace(model, effects=(LEVEL,)), 4)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.maps.dropouts import RATES, _searched, dropouts, expected
+from ffl.diagnose.maps.dropouts import RATES, Search, _searched, dropouts, expected
 from ffl.diagnose.maps.unnamed import _lost
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -147,3 +147,10 @@ def test_samples_faint_by_themselves_count_together(stage, scenes):  # type: ign
 )
 def test_recordings_that_hardly_show_it_may_lose_a_little(confirmed, gains, said):  # type: ignore[no-untyped-def]
     assert _lost(SimpleNamespace(confirmed=confirmed), *gains) is said
+
+
+@pytest.mark.parametrize(("gain", "possible"), [(30.0, True), (120.0, True), (209.5, False)])
+def test_what_brings_more_than_lost_samples_can_is_something_else(gain, possible):
+    """A lag in an open stage: 813 fitted, and 210 on the recordings that judge, where the largest rate
+    brings 67."""
+    assert Search(None, 0.3, 1074.0, gain, -164.0, 67.0, 67.0).possible is possible  # type: ignore[arg-type]

@@ -155,3 +155,21 @@ def test_who_is_not_missed_goes(seen):
     begun = Slip(replace(model, effects=(LATE, idle, PLAY)), NOISE)
     after = proven(Company(begun, scene.trials), regapped)
     assert after.found.model.names == ("input_delay", "backlash")
+
+
+def test_rivals_tried_beside_one_who_left_are_none(seen):
+    """Of two that joined the first stays and the second makes room: who was tried in the first's place
+    was so beside the second, and is no rival in the company there is now."""
+    scene, _, model = seen(LATE, HUM, PLAY)
+    lag = EffectSpec("actuator_lag", {"time_constant": 2.5e-3})
+    load = EffectSpec("constant_load", {"force": 0.1})
+
+    def slip(*effects):
+        return Slip(replace(model, effects=effects), NOISE)
+
+    rivals = {"periodic_disturbance": slip(load, lag, PLAY), "actuator_lag": slip(HUM, LATE, PLAY)}
+    company = Company(slip(HUM, lag, PLAY), scene.trials, rivals)
+    after = exchanged(company, lambda found, trials: found)
+    assert after.found.model.names == ("periodic_disturbance", "input_delay", "backlash")
+    assert set(after.rivals) == {"input_delay"}
+    assert after.rivals["input_delay"].model.names[1] == "actuator_lag"

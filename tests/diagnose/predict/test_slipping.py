@@ -1,6 +1,7 @@
 """A filter that sticks and slips: its moments, its likelihood, and the friction that it tells in noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -175,3 +176,20 @@ def test_on_a_quiet_machine_free_runs_tell_the_form(seen, monkeypatch):
     monkeypatch.setattr(dry_in_noise, "_forms", lambda *_: pytest.fail("no form is to be tried"))
     before = Outcome(judge(scene, held, stands, 1), [], held, {})
     assert with_dry_friction(scene, held, before, model, quiet) is before
+
+
+@pytest.mark.parametrize(("more", "table"), [(252.0, False), (2000.0, True)])
+def test_a_table_must_say_more_than_the_filter_errs_by(monkeypatch, more, table):  # type: ignore[no-untyped-def]
+    """Plain friction worth 21,717: a table that fits the filter's own error is 1.2 % ahead of it."""
+    monkeypatch.setattr(dry_in_noise, "credible", lambda judged: True)
+
+    def judged(score, *names):  # type: ignore[no-untyped-def]
+        model = SimpleNamespace(names=names, coordinates=range(len(names)))
+        return SimpleNamespace(score=score, model=model, fit=SimpleNamespace(white=np.zeros(16332)))
+
+    forms = [
+        judged(352515.5, "coulomb_friction"),
+        judged(352515.5 + more, "position_dependent_friction"),
+    ]
+    best = dry_in_noise._best(forms, judged(330798.8))
+    assert best is forms[table]
