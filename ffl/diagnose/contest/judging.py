@@ -26,7 +26,7 @@ QUIET = 0.35  # quantile over segments and bins that noise is read from: physics
 PASSES = 4  # most changes of noise while one hypothesis is fitted
 BOTH = 0.1  # of what held-out recordings gain, clearly, that the fitted ones may lose
 SHARE = (
-    0.004  # of the number of (independent) samples: log-likelihood that a further effect must bring
+    0.004  # of the number of (independent) samples: log-likelihood that one more effect must bring
 )
 CLEARLY = 1.25  # times the held-out mean square: enough where little of it is independent
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
@@ -283,7 +283,8 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
         # Of the independent ones: slow misfit may leave 5 of 464, which could not bring 1.9 by any effect.
         share = SHARE * max(base.independent, rival.independent)
         told = promise(rival.held_white, base.held_white) * _worth(base)
-        untold = told < share and fitted > (CONFIRMS if held > HALF * told else UNTOLD)
+        faint = told < SHARE * len(base.held_white)  # nothing that held-out recordings could tell
+        untold = faint and fitted > (CONFIRMS if held > HALF * told else UNTOLD)
         # It would show there, and does not: a mode of 0.4 damping made up for a rough contact, 1,478
         # fitted and none of the 77 that the held-out recordings would bring.
         sure = sure and held >= BOTH * told

@@ -53,7 +53,7 @@ def _without_limit(plant: Plant, r: Recording) -> Array:
     drives it. (A stage rings on under a command that stands; a quick one stands where its command does.)"""
     if np.abs(plant.system.poles).max(initial=0.0) > 1.0 - 1e-6:
         return r.u
-    return plant.system.state_space().filter(r.u - r.u[0])
+    return plant.system.filter(r.u - r.u[0])
 
 
 def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float]]:

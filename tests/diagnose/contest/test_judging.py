@@ -96,6 +96,18 @@ def test_little_that_judges_asks_for_little(monkeypatch, independent, earned):
     assert earns(_judged(after, 80.0, kind), _judged(before, 0.0, kind), 0.0) is earned
 
 
+@pytest.mark.parametrize(("fitted", "earned"), [(220.0, True), (120.0, False)])
+def test_what_slow_misfit_hides_where_it_is_judged_must_be_clear_where_it_is_fitted(
+    monkeypatch, fitted, earned
+):
+    """A change of 5 nats under a residual of 5 independent samples tells nothing, though the share of 5 is
+    little: of a drive's encoder ripple, 1,469 fitted, the recording that judges lost 4 and was believed."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    kind = type("Slow", (Further,), {"independent": 5.0})
+    before, after = _changed(SAMPLES, 0.0)
+    assert earns(_judged(after, fitted, kind), _judged(before, 0.0, kind), 0.0) is earned
+
+
 @pytest.mark.parametrize(
     ("maps", "names", "astray"),
     [(500.0, 500.0, True), (500.0, 120.0, False), (120.0, 500.0, False)],
