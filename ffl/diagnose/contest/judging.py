@@ -223,6 +223,12 @@ def levelled(judged: Sequence[Judged]) -> list[Judged]:
     return out
 
 
+def likeliest(judged: Sequence[Judged]) -> Judged:
+    """The one that scores highest, with what they are judged on worth equally many samples to all. (What
+    leaves a slow residual has few by its own count, and little to lose: a mass at the wrong end.)"""
+    return max(levelled(judged), key=lambda j: j.score)
+
+
 def raw_error(held: Scene | None, model: Model) -> float:
     """Sum of squares of the held-out free-running error, not whitened."""
     if held is None or not held.trials:

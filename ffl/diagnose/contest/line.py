@@ -18,6 +18,7 @@ from ffl.diagnose.contest.judging import (
     earns,
     judge,
     levelled,
+    likeliest,
     raw_residuals,
 )
 from ffl.diagnose.contest.rounds import Outcome
@@ -80,7 +81,7 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
             if not _beyond(current, within):
                 current = _pruned(held, within)
                 continue
-        best: Judged | None = None
+        found = []
         places = places_of(current.model)
         if name == "mass" and len(places) > 1:
             places = [*places, Place("force", "all")]
@@ -96,9 +97,9 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
                 tried = _as_it_stands(current, model)
             else:
                 tried = judge(current.scene, held, model, rounds=6)
-            if best is None or tried.score > best.score:
-                best = tried
-        if best is None or not _misfit(current, best) < LOSS * _misfit(current, current):
+            found.append(tried)
+        best = likeliest(found)
+        if not _misfit(current, best) < LOSS * _misfit(current, current):
             continue
         # At a point of the machine, alone, it must still be worth more than on the line. (A null on a
         # spring: a mass of 3.5 % that nothing held, 42 worse on the recordings that judge as an effect.)

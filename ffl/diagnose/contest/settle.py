@@ -17,6 +17,7 @@ from ffl.diagnose.contest.judging import (
     gaining,
     judge,
     levelled,
+    likeliest,
 )
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.rounds import Step
@@ -176,7 +177,7 @@ def _in_another_form(
         if credible(other) and earns(other, without, KEEP):
             say(f"  {name} for {current.model.names[index]}, which goes")
             worth.append(other)
-    return max(levelled(worth), key=lambda j: j.score)
+    return likeliest(worth)
 
 
 def one_for_two(
@@ -213,7 +214,7 @@ def one_for_two(
                 found.append(whole_judged)
     if not found:
         return current
-    return max(levelled(found), key=lambda j: j.score)
+    return likeliest(found)
 
 
 def levels_of(friction: EffectSpec, load: EffectSpec) -> EffectSpec | None:

@@ -53,6 +53,15 @@ def test_held_out_gains_count_in_equally_many_samples():
     assert not earns(base, rival, 0.0)
 
 
+def test_the_likeliest_is_told_in_equally_many_samples():
+    """What is far off leaves a slow residual, few samples by its own count, and so little to lose."""
+    rng = np.random.default_rng(0)
+    near = _judged(1.3 * rng.standard_normal(600), 50.0)
+    far = _judged(3.0 * np.sin(np.linspace(0.0, 6.0, 600)), 50.0)
+    assert far.score > near.score
+    assert judging.likeliest([far, near]).held_white is near.held_white
+
+
 def _changed(promised: float, shown: float) -> tuple[np.ndarray, np.ndarray]:
     """Held-out residuals that differ by so many nats, of which the second gains the share `shown`."""
     rng = np.random.default_rng(0)
