@@ -38,6 +38,7 @@ QUIETER = (1.0, 0.9, 0.8, 0.65, 0.5, 0.35)
 FIRST = ((0.02, 0.8), (0.1, 0.9), (0.3, 0.9))  # of both, tried before all others
 TURNS = 2  # of the search for both, one after the other
 WORTH = 40.0  # log-likelihood that lost samples must bring beyond those of the other sign
+HINT = 8.0  # the same of recordings that judge, where so little is to be expected of them
 # Of it that the other sign may reach: where commands change sign from sample to sample they are
 # another sample's and reach 0.28 of it.
 ALIKE = 0.5
@@ -75,7 +76,11 @@ class Search:
 
     @property
     def found(self) -> bool:
-        more = self.gain - max(self.other, 0.0) > WORTH and self.other < ALIKE * self.gain
+        return self.shows(WORTH)
+
+    def shows(self, worth: float) -> bool:
+        """Beyond those of the other sign by `worth`, and by what lost samples of this rate may bring."""
+        more = self.gain - max(self.other, 0.0) > worth and self.other < ALIKE * self.gain
         return more and KEPT * self.promise < self.gain and self.possible
 
     @property
@@ -144,7 +149,8 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     if again is None or left is None:
         return None
     confirmed = AGAIN * again.promise > WORTH
-    if not (again.found if confirmed else again.possible and search.gain > UNTOLD * WORTH):
+    clear = search.gain > UNTOLD * WORTH and again.possible
+    if not (again.found if confirmed else clear or again.shows(HINT)):
         return None  # slow forces and coloured noise are drawn by many samples a little
     return Dropouts(found, search, again, confirmed, white, judge.judge(left))
 

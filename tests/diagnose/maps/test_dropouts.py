@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.maps import dropouts as dropout_search
 from ffl.diagnose.maps.dropouts import RATES, Search, _searched, dropouts, expected
 from ffl.diagnose.maps.unnamed import _lost
 from ffl.machines.simulator import Simulator
@@ -154,3 +155,13 @@ def test_what_brings_more_than_lost_samples_can_is_something_else(gain, possible
     """A lag in an open stage: 813 fitted, and 210 on the recordings that judge, where the largest rate
     brings 67."""
     assert Search(None, 0.3, 1074.0, gain, -164.0, 67.0, 67.0).possible is possible  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("gain", "other", "hinted"), [(13.0, 0.0, True), (13.0, 6.0, False), (4.0, 0.0, False)]
+)
+def test_what_can_hardly_show_where_it_is_judged_is_hinted_there(gain, other, hinted):
+    """Commands lost by a printer: 69 fitted, and 13 of 47 where it is judged, none by the other sign."""
+    search = Search(None, 0.1, 736.0, gain, other, 47.0, 422.0)  # type: ignore[arg-type]
+    assert search.shows(dropout_search.HINT) is hinted
+    assert not search.found
