@@ -25,9 +25,7 @@ PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: ha
 QUIET = 0.35  # quantile over segments and bins that noise is read from: physics is not everywhere
 PASSES = 4  # most changes of noise while one hypothesis is fitted
 BOTH = 0.1  # of what held-out recordings gain, clearly, that the fitted ones may lose
-SHARE = (
-    0.004  # of the number of (independent) samples: log-likelihood that one more effect must bring
-)
+SHARE = 0.004  # of the (independent) samples: log-likelihood that one more effect must bring
 CLEARLY = 1.25  # times the held-out mean square: enough where little of it is independent
 LEAST = 8.0  # of it in the fitted recordings; the held-out ones may lose half of this
 BINS = 4096  # frequencies over which noise is summed up

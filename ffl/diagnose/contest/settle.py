@@ -116,15 +116,8 @@ def settle(
             before = []  # the company has changed since
         others = [(name, current), *(pair for pair in before if pair is not own)]
         only = PLIABLE if before else None
-        goal = quiet.cost(current.model)
-        trial = partial(_reached, quiet, held, current, without, index, goal)
-        for rival, other, lines in each(
-            trial, challengers(quiet, current, index, steps, reserve, only)
-        ):
-            if credible(other):
-                others.append((rival, other))
-            for line in lines:
-                say(line)
+        found = challengers(quiet, current, index, steps, reserve, only)
+        others += _in_its_place(quiet, held, current, without, index, found, say)
         names, tried = zip(*others, strict=True)
         *tried, alone = levelled([*tried, without])
         tried[1:] = between(quiet, tried[0], tried[1:])
@@ -168,16 +161,34 @@ def _in_another_form(
     32 and lost 11 on what judges; one level for both brought 33 and 7.)"""
     if current.model.names[index] not in DRY:
         return without
-    trial = partial(_reached, quiet, held, current, without, index, quiet.cost(current.model))
     found = challengers(quiet, current, index, steps, PLIABLE, DRY)
     worth = [without]
-    for name, other, lines in each(trial, found):
-        for line in lines:
-            say(line)
-        if credible(other) and earns(other, without, KEEP):
+    for name, other in _in_its_place(quiet, held, current, without, index, found, say):
+        if earns(other, without, KEEP):
             say(f"  {name} for {current.model.names[index]}, which goes")
             worth.append(other)
     return likeliest(worth)
+
+
+def _in_its_place(
+    quiet: Scene,
+    held: Scene | None,
+    current: Judged,
+    without: Judged,
+    index: int,
+    found: Sequence[Candidate],
+    say: Callable[[str], None],
+) -> list[tuple[str, Judged]]:
+    """What each rival `found` for effect `index` reaches beside the other effects; those alone that have
+    numbers of their physics."""
+    trial = partial(_reached, quiet, held, current, without, index, quiet.cost(current.model))
+    reached = []
+    for rival, other, lines in each(trial, found):
+        for line in lines:
+            say(line)
+        if credible(other):
+            reached.append((rival, other))
+    return reached
 
 
 def one_for_two(

@@ -16,6 +16,7 @@ from ffl.systems.state_space import Array
 
 RUN = 8  # samples at the limit in a row
 MOVES = 0.01  # of its range: what the linear model must move meanwhile
+REMEMBERS = 1.0 - 1e-6  # magnitude of a pole beyond which it integrates
 WIDE = 8.0  # standard deviations of the stated sensor noise that count as one value
 # A machine that sticks where it turns stands still there too, and so does one seen through a play, but
 # they arrive slowly, and at another place every time.
@@ -51,7 +52,7 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
 def _without_limit(plant: Plant, r: Recording) -> Array:
     """What the linear model does where the sensor has no limit; where it integrates, and drifts away, what
     drives it. (A stage rings on under a command that stands; a quick one stands where its command does.)"""
-    if np.abs(plant.system.poles).max(initial=0.0) > 1.0 - 1e-6:
+    if np.abs(plant.system.poles).max(initial=0.0) > REMEMBERS:
         return r.u
     return plant.system.filter(r.u - r.u[0])
 
