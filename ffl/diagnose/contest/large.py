@@ -116,6 +116,7 @@ def large_effects(
     desk = _Desk(model, recordings, validation, progress or (lambda line: None))
     before = desk.measured(model)
     linear = desk.measured(calibrate(model, recordings).plant)
+    desk = replace(desk, linear=linear)
     desk.tell(linear)
     rounds: list[tuple[Tried, ...]] = []
     standing = desk.forward(linear, rounds)
@@ -140,6 +141,7 @@ class _Desk:
     recordings: Sequence[Recording]
     validation: Sequence[Recording]
     say: Callable[[str], None]
+    linear: Tried | None = None
 
     def forward(self, standing: Tried, rounds: list[tuple[Tried, ...]]) -> Tried:
         """One effect after the other, until nothing is left or nothing brings more."""
@@ -170,6 +172,11 @@ class _Desk:
         return Tried(plant, *rms)
 
     def mismatch(self, standing: Tried) -> bool:
+        """More than noise is left, or as much as without any effect: about detents noise may make a
+        machine with the wrong cogging do anything, and that explains nothing."""
+        linear = self.linear if standing.plant.effects else None
+        if linear is not None and standing.cost > WORTH * linear.cost:
+            return True
         return standing.fitted > QUIET * noise_left(standing.plant, self.recordings)
 
     def calibrated(self, plant: Plant) -> Tried:

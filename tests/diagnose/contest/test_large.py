@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest.large import large_effects
+from ffl.diagnose.contest.large import Tried, _Desk, large_effects
 from ffl.diagnose.screen.simulated_scan import cogging_of
 from ffl.machines import SimulatedMachine
 from ffl.systems import EffectSpec, Imperfections, Move, Zpk, as_zpk, load_plant, moves
@@ -66,3 +66,17 @@ def test_the_scan_puts_the_true_period_first(emps):
     found = cogging_of(replace(emps, effects=(friction,)), scans(machine, 1), {})
     assert found[0].parameters["period"] == pytest.approx(0.0071, rel=0.02)
     assert found[0].parameters["amplitude"] == pytest.approx(8.0, rel=0.3)
+
+
+def test_what_noise_may_have_done_explains_nothing_that_the_linear_part_does_not(emps):
+    """A wrong cogging about which noise makes the machine hop ended the search (printer 2 of ten)."""
+    loud = replace(emps, machine=Imperfections(1.0, 0.0, 0.0, None))
+    desk = _Desk(loud, scans(SimulatedMachine(loud), 0), (), lambda line: None)
+    named = Tried(
+        replace(loud, effects=(EffectSpec("coulomb_friction", {"level": 60.0}),)), 0.6, 0.6
+    )
+    assert not desk.mismatch(named)
+    linear = Tried(loud, 0.6, 0.6)
+    assert replace(desk, linear=linear).mismatch(named)
+    assert not replace(desk, linear=replace(linear, fitted=1.0)).mismatch(named)
+    assert not replace(desk, linear=linear).mismatch(linear)
