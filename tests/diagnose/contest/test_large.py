@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest.large import Tried, _Desk, large_effects
+from ffl.diagnose.contest.large import Tried, _Desk, large_effects, noise_left
 from ffl.diagnose.screen.simulated_scan import cogging_of
 from ffl.machines import SimulatedMachine
 from ffl.systems import EffectSpec, Imperfections, Move, Zpk, as_zpk, load_plant, moves
@@ -70,13 +70,12 @@ def test_the_scan_puts_the_true_period_first(emps):
 
 def test_what_noise_may_have_done_explains_nothing_that_the_linear_part_does_not(emps):
     """A wrong cogging about which noise makes the machine hop ended the search (printer 2 of ten)."""
-    loud = replace(emps, machine=Imperfections(1.0, 0.0, 0.0, None))
+    loud = replace(emps, machine=Imperfections(1e-7, 1e-2, 0.0, None))
     desk = _Desk(loud, scans(SimulatedMachine(loud), 0), (), lambda line: None)
-    named = Tried(
-        replace(loud, effects=(EffectSpec("coulomb_friction", {"level": 60.0}),)), 0.6, 0.6
-    )
+    rubbing = replace(loud, effects=(EffectSpec("coulomb_friction", {"level": 60.0}),))
+    left = min(noise_left(plant, desk.recordings) for plant in (loud, rubbing))
+    named, linear = Tried(rubbing, left, left), Tried(loud, left, left)
     assert not desk.mismatch(named)
-    linear = Tried(loud, 0.6, 0.6)
     assert replace(desk, linear=linear).mismatch(named)
-    assert not replace(desk, linear=replace(linear, fitted=1.0)).mismatch(named)
+    assert not replace(desk, linear=replace(linear, fitted=2.0 * left)).mismatch(named)
     assert not replace(desk, linear=linear).mismatch(linear)
