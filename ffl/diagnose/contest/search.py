@@ -318,9 +318,10 @@ def _to_the_end(quiet: Scene, held: Scene | None, judged: Judged) -> Judged:
     have far to go (a lag for which a mass five times too large had stood: 44 nats after 6 rounds, 92 in
     the end, hardly any on the way)."""
     for _ in range(FURTHER):
-        if judged.fit.status != "rounds":
+        model = judged.model.beyond()
+        if judged.fit.status != "rounds" and model is judged.model:
             break
-        judged = judge(quiet, held, judged.model, 8, judged.fit)
+        judged = judge(quiet, held, model, 8, judged.fit)
     return judged
 
 

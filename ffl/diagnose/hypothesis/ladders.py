@@ -12,12 +12,14 @@ from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit
+from ffl.diagnose.hypothesis.linear import modal_terms
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.hypothesis.span import orthonormal
 from ffl.diagnose.hypothesis.triangle import lengths
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.effects import EFFECTS
+from ffl.effects.base import Setting
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -33,6 +35,7 @@ def with_best_start(scene: Scene, c: Candidate, others: Sequence[EffectSpec] = (
     decisive parameter at the rung of a ladder of simulations that leave least, whatever the numbers
     fitted there can mend beside it; `others`: further starts as they are."""
     starts = [m for spec in (c.spec, *c.valleys) for m in _rungs(scene, c.like.model, spec)]
+    starts += [m for start in starts if (m := relieved(start)) is not None]
     starts += [_beside(c.like.model, spec) for spec in others]
     return _best(scene, c.like, starts) or starts[0]
 
@@ -41,6 +44,26 @@ def _beside(model: Model, spec: EffectSpec) -> Model:
     """`model` with the effect, its numbers within bounds."""
     start = model.with_effect(spec)
     return start.at(start.theta)
+
+
+def relieved(model: Model) -> Model | None:
+    """An identified model with a spring that is softer by what its last effect, which remembers, holds with
+    when it is small: it was learned with that in it. None where the effect is stiffer, or the model stated.
+    (Without, the start that leaves least of a hysteresis as stiff as the spring is nearly none.)"""
+    spec, mechanics = model.effects[-1], model.base.simulator.mechanics
+    if not (model.base.plant.is_identified and EFFECTS[spec.name].remembers):
+        return None
+    bounds = next((c for c in model.base.corrections if c.name == "stiffness"), None)
+    if bounds is None or "stiffness" in model.held:
+        return None
+    effect = EFFECTS[spec.name]
+    setting = Setting(model.base.simulator.force_per_input, mechanics, spec.options)
+    held = effect.stiffness(effect.pack(effect.check(spec), setting))
+    own = modal_terms(mechanics, mechanics.modes[0])[1] * mechanics.moving_mass
+    softer = model.corrections.get("stiffness", 0.0) - held / own
+    if not (held > 0.0 and bounds.lower < softer < bounds.upper):
+        return None
+    return replace(model, corrections={**model.corrections, "stiffness": softer})
 
 
 def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:

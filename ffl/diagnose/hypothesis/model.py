@@ -37,6 +37,8 @@ TABLE = "position_dependent_friction"  # the same where its contact gives way
 MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13 times the time
 ASTRAY = 1e4  # times the largest y, or the travel: what runs farther behind a drive has run away
 OVERFLOW = 1e12  # and any run: its squares would overflow
+WAVES = ("period", "frequency")
+AT_END = 1e-6  # of a logarithm: nearer is at the end
 DOUBT = 3.0  # changes that matter (`Correction.scale`) by which an engineer's model is off
 
 
@@ -107,6 +109,18 @@ class Model:
     def resettled(self) -> Model:
         """The same numbers with the sub-steps they ask for."""
         return replace(self)
+
+    def beyond(self) -> Model:
+        """The model with the same way to go once more from where it is, if a length, a time or an exponent
+        stands at the end of that which it was given at its start; else the model itself. (A wave stays in
+        the lobe that it was found in.)"""
+        anew = replace(self)
+        for c, now, value in zip(self.coordinates, anew.coordinates, self.theta, strict=True):
+            low = value <= c.lower + AT_END and now.lower < c.lower - AT_END
+            high = value >= c.upper - AT_END and now.upper > c.upper + AT_END
+            if c.log and c.name not in WAVES and (low or high):
+                return anew
+        return self
 
     @property
     def names(self) -> tuple[str, ...]:

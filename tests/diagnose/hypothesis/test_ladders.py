@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from ffl.diagnose import diagnose
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.hypothesis.fit import fit
-from ffl.diagnose.hypothesis.ladders import overlooked, with_best_start
+from ffl.diagnose.hypothesis.ladders import overlooked, relieved, with_best_start
+from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.diagnose.screen.screen import Screen, _deepest
-from ffl.systems.plant import EffectSpec
+from ffl.machines import SimulatedMachine
+from ffl.systems import Plant, Zpk
+from ffl.systems.plant import EffectSpec, Imperfections, Physics
 
 
 def test_a_limit_that_the_simulation_never_reaches_is_tried(stage, record, scenes):
@@ -59,3 +64,54 @@ def test_every_peak_of_the_gain_is_a_valley_of_the_cost():
     best = _deepest(tops)
     assert best.spec.parameters["frequency"] == 40.0
     assert [spec.parameters["frequency"] for spec in best.valleys] == [20.0, 60.0]
+
+
+def oscillator(stiffness: float, source: str = "") -> Plant:
+    """2 kg, 10 N s/m on a spring (N/m), 750 Hz, newton in, metres out."""
+    step, w = 1.0 / 750.0, np.sqrt(stiffness / 2.0)
+    pole = np.exp(step * (-2.5 + 1j * np.sqrt(w**2 - 2.5**2)))
+    gain = abs(1.0 - pole) ** 2 / (2.0 * stiffness)
+    system = Zpk(np.array([-1.0]), np.array([pole, pole.conjugate()]), gain, step)
+    return Plant("oscillator", system, None, "N", "m", source, Physics(2.0, None))
+
+
+LOOP = EffectSpec(
+    "hysteresis",
+    {"force": 167.0, "displacement": 3.3e-3, "exponent": 1.0, "beta": 2.7},
+    {"kind": "hardening"},
+)
+
+
+@pytest.mark.parametrize("name", ["hysteresis", "hardening_spring"])
+def test_an_identified_spring_gives_way_to_what_holds_beside_it(name):
+    """Noel and Schoukens' oscillator: half of the stiffness is that of the hysteresis."""
+    learned = oscillator(1e5, "ffl identify linear, output_error")
+    spec = (
+        LOOP if name == LOOP.name else EffectSpec(name, {"cubic_coefficient": 1e9, "centre": 0.0})
+    )
+    model = relieved(Model(Base.of(learned), {}, (spec,)))
+    if name == LOOP.name:
+        assert model.corrections["stiffness"] == pytest.approx(-167.0 / 3.3e-3 / 1e5, rel=1e-3)
+    else:
+        assert model is None  # it holds with nothing where it is small
+    assert relieved(Model(Base.of(oscillator(1e5)), {}, (spec,))) is None  # stated: an engineer's
+    soft = oscillator(4e4, "ffl identify linear, output_error")
+    assert relieved(Model(Base.of(soft), {}, (spec,))) is None  # softer than the hysteresis
+
+
+def test_a_hysteresis_as_stiff_as_the_spring_is_named_beside_an_identified_model():
+    """It was called a cogging, with 0.97: the best start of the hysteresis was next to none of it."""
+    built = replace(oscillator(5e4), effects=(LOOP,), machine=Imperfections(0.0, 8e-6, 0.0, None))
+    device, recordings = SimulatedMachine(built), []
+    for seed, (low, high) in enumerate(((5.0, 150.0), (20.0, 50.0))):
+        rng, n = np.random.default_rng(seed), 4096
+        lines = np.fft.rfftfreq(n, 1.0 / 750.0)
+        phases = np.exp(2j * np.pi * rng.random(len(lines)))
+        force = np.fft.irfft(np.where((lines > low) & (lines < high), phases, 0.0), n)
+        force *= 50.0 / np.std(force)
+        recordings.append(device.run(np.zeros(n), force, rng))
+    fitted, judging = recordings
+    learned = oscillator(0.92e5, "ffl identify linear, output_error")
+    (found,) = diagnose(learned, [fitted], [judging]).findings
+    assert found.name == "hysteresis"
+    assert found.parameters["displacement"].value == pytest.approx(3.3e-3, rel=0.1)
