@@ -57,6 +57,7 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "flexible_mode",
 )
 VALLEYS = 3  # beside the best that a simulation looks into
+PASSED = 0.3  # of the RMS of the command: a drive that lets through less is none
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -265,8 +266,27 @@ class Screen:
                 continue
             spec = spec_of(effect, place, coefficients, nonlinear)
             freedom = columns.shape[1]
-            tops[at] = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
+            found = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
+            if not self.blocks([found], [coefficients]):
+                tops[at] = found
         return _deepest(tops) if tops else None
+
+    def blocks(self, candidates: Sequence[Candidate], coefficients: Sequence[Array]) -> bool:
+        """Whether those of the `candidates` that change the command leave next to nothing of it: a limit and
+        a dead zone as wide, or one wider than the command, are minus the command together, which explains
+        whatever the command does."""
+        own = [(c, k) for c, k in zip(candidates, coefficients, strict=True) if _drives(c)]
+        if not own:
+            return False
+        power = left = 0.0
+        for number, motion in enumerate(self.motions(own[0][0].place)):
+            through = motion.u.copy()
+            for c, k in own:
+                motion = self.motions(c.place)[number]
+                columns = self._columns(EFFECTS[c.spec.name], motion, c.nonlinear, c.place)
+                through += columns @ (k if k.shape == columns.shape[1:] else np.ones(1))
+            power, left = power + float(motion.u @ motion.u), left + float(through @ through)
+        return left < PASSED**2 * power
 
     def _shared(
         self, effect: Effect, place: Place, nonlinear: Mapping[str, float], tables: Tables | None
@@ -310,6 +330,11 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
+
+
+def _drives(c: Candidate) -> bool:
+    """Whether it changes the command on its way to the motor."""
+    return EFFECTS[c.spec.name].port == "command"
 
 
 def _deepest(tops: Mapping[float, Candidate]) -> Candidate:
