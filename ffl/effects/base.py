@@ -94,6 +94,7 @@ class Effect:
     `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have);
     `stages` (at port 'flow': lags in a row that it needs at least); `of_processes` (looked for where
     lags drive no stated mass); `of_angles` (looked for where the output is an angle in rad);
+    `order` (-1: it acts before all others at its port, wherever it is named; 1: after them);
     `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any);
     `ladder` (where the cost is not convex: the parameter that decides, and factors on what the
     regressor proposes for it, from which simulations begin); `valleys` (a parameter of `grid` along which
@@ -117,6 +118,7 @@ class Effect:
     stages: ClassVar[int] = 1
     of_processes: ClassVar[bool] = False
     of_angles: ClassVar[bool] = False
+    order: ClassVar[int] = 0
     switches: ClassVar[bool] = False
     ladder: ClassVar[tuple[str, Array] | None] = None
     valleys: ClassVar[str] = ""

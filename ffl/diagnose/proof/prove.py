@@ -51,6 +51,21 @@ class Proof:
     nrmse_with_map: float | None = None  # of the map that has no name, where that is the answer
     untold: bool = False
 
+    @property
+    def withdrawn(self) -> Proof:
+        """The proof of an answer that claims nothing: after is before, what a map draws apart."""
+        drawn = self.nrmse_with_map is not None
+        overlays = self.overlays
+        if not drawn:
+            overlays = tuple(replace(o, y_after=o.y_before, u_after=o.u_before) for o in overlays)
+        return replace(
+            self,
+            nrmse_after=self.nrmse_before,
+            u_nrmse_after=self.u_nrmse_before,
+            interval=(0.0, 0.0),
+            overlays=overlays,
+        )
+
 
 def nrmse(measured: Sequence[Array], simulated: Sequence[Array]) -> float:
     """RMS(y - yhat)/RMS(y - mean(y)) over all recordings together."""

@@ -196,24 +196,35 @@ def with_clocks(scene: Scene, model: Model, from_trial: int) -> Scene:
     """The scene with the unknown clock offsets of trials `from_trial` onwards fitted to the model's
     drift, of which each recording may show a later part, and to its periodic disturbance, whose phase in
     each recording is free, frequency and amplitude are not: half a period more or less is little of a
-    settling. As it is where there is no such machine."""
+    settling. What the plant file states began at another time: then all trials are. As it is where there
+    is no such machine."""
     if not scene.free_clocks:
         return scene
-    names = [e.name for e in model.effects]
+    names = {e.name for e in model.acting}
+    if {"drift", "periodic_disturbance"} & {e.name for e in model.stated}:
+        from_trial = 0
     try:
         if "drift" in names:
-            rest = [e for e in model.effects if e.name != "periodic_disturbance"]
-            scene = _warmed(scene, replace(model, effects=tuple(rest)), from_trial)
+            scene = _warmed(scene, _without(model, "periodic_disturbance"), from_trial)
         if "periodic_disturbance" in names:
-            scene = _in_phase(scene, model, names.index("periodic_disturbance"), from_trial)
+            scene = _in_phase(scene, model, from_trial)
     except InputError:  # a mass that leaves none at its point: no fit goes there either
         return scene
     return scene
 
 
-def _in_phase(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
-    period = 1.0 / float(model.effects[index].parameters["frequency"])
-    quiet = model.without(index)
+def _without(model: Model, name: str) -> Model:
+    """The model without the effect of that name, found or stated."""
+    found, stated = (
+        tuple(e for e in specs if e.name != name) for specs in (model.effects, model.stated)
+    )
+    return replace(model, effects=found, given=stated)
+
+
+def _in_phase(scene: Scene, model: Model, from_trial: int) -> Scene:
+    spec = next(e for e in model.acting if e.name == "periodic_disturbance")
+    period = 1.0 / float(spec.parameters["frequency"])
+    quiet = _without(model, spec.name)
     trials = list(scene.trials[:from_trial])
     for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
         plain = quiet.follow(trial).y
@@ -232,7 +243,7 @@ def _in_phase(scene: Scene, model: Model, index: int, from_trial: int) -> Scene:
 def _warmed(scene: Scene, model: Model, from_trial: int) -> Scene:
     """With what is left of the settling, g in 1 - g exp(-t/T), 0 to 1, as each recording shows it: to
     first order y is linear in it, between a recording begun at t = 0 and one begun long after."""
-    spec = next(e for e in model.effects if e.name == "drift")
+    spec = next(e for e in model.acting if e.name == "drift")
     if spec.options.get("kind", "exponential") != "exponential":
         return scene
     settling = float(spec.parameters["time_constant"])
