@@ -75,6 +75,16 @@ def test_a_zero_effect_changes_nothing():
         assert np.abs(y - linear).max() < 1e-11 * np.abs(linear).max(), spec.name
 
 
+def test_a_delay_acts_first_wherever_it_is_named():
+    """What is late is late alike before a lag and behind it; its law is exact where a command stands still
+    over a step."""
+    lag = EffectSpec("actuator_lag", {"time_constant": 1.5e-3})
+    simulator = Simulator(load_plant("emps"))
+    one, other = (simulator.run(e, REFERENCE) for e in ((lag, DELAY), (DELAY, lag)))
+    assert np.array_equal(one.y, other.y)
+    assert np.array_equal(one.contribution, other.contribution[:, ::-1])
+
+
 def test_a_machine_that_diverges_says_when():
     """Twenty samples of extra delay make the stable loop oscillate without bound."""
     system = Zpk([-1.0], [1.0, 1.0], 2.5e-7, 1e-3)

@@ -125,7 +125,7 @@ def conclude(
             "plant", f"the plant's gain or a unit: {off:.4g} times as much per u", ()
         )
     if said == "inconclusive" or (said == "unnamed" and proof.nrmse_after > proof.nrmse_before):
-        # Nothing is claimed: no file holds it. (A dead zone of 43 N m and a mass 62 % smaller stood in one.)
+        # Nothing is claimed, no file holds it. (In one stood a dead zone of 43 N m and 62 % less mass.)
         augmented, proof = model, proof.withdrawn
     elif sizeless:
         stands = " and ".join(sizeless)

@@ -31,7 +31,7 @@ from ffl.diagnose.hypothesis.span import believed, orthonormal
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.noise.passage import Passage
 from ffl.diagnose.recorded.trials import Trial
-from ffl.diagnose.screen.candidate import Candidate, spec_of
+from ffl.diagnose.screen.candidate import Candidate, drives, spec_of
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.errors import InputError
@@ -57,7 +57,7 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "flexible_mode",
 )
 VALLEYS = 3  # beside the best that a simulation looks into
-PASSED = 0.3  # of the RMS of the command: a drive that lets through less is none
+PASSED = 0.3  # of the RMS of the (limited) command: a drive that lets through less is none
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -272,20 +272,22 @@ class Screen:
         return _deepest(tops) if tops else None
 
     def blocks(self, candidates: Sequence[Candidate], coefficients: Sequence[Array]) -> bool:
-        """Whether those of the `candidates` that change the command leave next to nothing of it: a limit and
-        a dead zone as wide, or one wider than the command, are minus the command together, which explains
-        whatever the command does."""
-        own = [(c, k) for c, k in zip(candidates, coefficients, strict=True) if _drives(c)]
-        if not own:
-            return False
+        """Whether those of the `candidates` that change the command leave next to nothing of it, or of what
+        its limit does: a limit and a dead zone as wide are minus the command together, which explains
+        whatever it does."""
+        own = [(c, k) for c, k in zip(candidates, coefficients, strict=True) if drives(c)]
         power = left = 0.0
-        for number, motion in enumerate(self.motions(own[0][0].place)):
-            through = motion.u.copy()
+        for number, motion in enumerate(self.motions(own[0][0].place)) if own else ():
+            limited, through = motion.u.copy(), np.zeros(len(motion.u))
             for c, k in own:
-                motion = self.motions(c.place)[number]
-                columns = self._columns(EFFECTS[c.spec.name], motion, c.nonlinear, c.place)
-                through += columns @ (k if k.shape == columns.shape[1:] else np.ones(1))
-            power, left = power + float(motion.u @ motion.u), left + float(through @ through)
+                effect, seen = EFFECTS[c.spec.name], self.motions(c.place)[number]
+                columns = self._columns(effect, seen, c.nonlinear, c.place)
+                if effect.fixed_amount:
+                    limited += columns[:, 0]
+                else:
+                    through += columns @ k[: columns.shape[1]]
+            through += limited
+            power, left = power + float(limited @ limited), left + float(through @ through)
         return left < PASSED**2 * power
 
     def _shared(
@@ -330,11 +332,6 @@ class Screen:
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
         return columns
-
-
-def _drives(c: Candidate) -> bool:
-    """Whether it changes the command on its way to the motor."""
-    return EFFECTS[c.spec.name].port == "command"
 
 
 def _deepest(tops: Mapping[float, Candidate]) -> Candidate:

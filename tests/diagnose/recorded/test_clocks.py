@@ -70,3 +70,7 @@ def test_a_drift_and_a_fan_have_one_clock_in_each_recording(stage, references, s
     turned = 2 * np.pi * fan["frequency"] * set_.trials[1].start_time + fan["phase"]
     assert np.angle(np.exp(1j * (turned - 2.0))) == pytest.approx(0.0, abs=0.05)
     assert set_.cost(model) < 1.5 * both.samples < 1e-2 * both.cost(model)
+    # The same where the plant file states both: its phases belong to no recording here.
+    stated = replace(model, effects=(), given=effects[0])
+    again = with_clocks(both, stated, 1)
+    assert again.cost(stated) < 1.5 * both.samples < 1e-2 * both.cost(stated)

@@ -13,8 +13,10 @@ from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import commanded, prepare
+from ffl.diagnose.screen.candidate import Candidate
 from ffl.diagnose.screen.followed import NEAR, astray, followed
 from ffl.diagnose.screen.screen import Screen, as_measured
+from ffl.effects import EFFECTS
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 
@@ -91,3 +93,21 @@ def test_a_model_that_runs_away_is_not_followed(stage, record, scenes):
     wild = model.with_effect(EffectSpec("viscous_friction", {"coefficient": 1e9}))
     broken = wild.with_effect(EffectSpec("linear_stiffness", {"stiffness": -1e12, "centre": 0.0}))
     assert followed(scene, broken) is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "width", "blocked"), [(1.0, 1.0, True), (1.0, 0.1, False), (1.5, 0.5, False)]
+)
+def test_a_drive_that_lets_nothing_through_is_none(limited, limit, width, blocked):
+    """A limit and a dead zone as wide are minus the command together, and so explain whatever it does."""
+    scene, _, model = limited
+    along = as_measured(scene, fit(scene, model, rounds=0))
+    place = along.places(EFFECTS["saturation"])[0]
+    pair = [
+        Candidate(LIMIT, 0.0, 1, place, along.fit, {"limit": limit}),
+        Candidate(EffectSpec("dead_zone", {}), 0.0, 1, place, along.fit, {"shape": width}),
+    ]
+    amounts = [np.ones(1), np.array([width])]
+    assert along.blocks(pair, amounts) is blocked
+    assert not any(along.blocks([c], [a]) for c, a in zip(pair, amounts, strict=True))
+    assert not along.blocks([], [])
