@@ -49,7 +49,7 @@ Parameters = Mapping[str, Any]
 class Parameter:
     """A parameter: `unit` in terms of F (force), x (output unit), s, Hz, rad; bounds; `linear` where
     the effect's contribution is linear in it; `optional` with a default; `stepped` where the motion
-    changes with it in steps, so that no slope tells how sure it is."""
+    changes with it in steps, so that no slope tells how sure it is; `neutral`: where it does nothing."""
 
     name: str
     unit: str
@@ -58,6 +58,7 @@ class Parameter:
     linear: bool = True
     default: float | None = None
     stepped: bool = False
+    neutral: float = 0.0
 
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
@@ -258,8 +259,13 @@ class Effect:
         else."""
         return True
 
-    def shown(self, values: Parameters, position: float) -> float:
-        """What the sensor shows of a machine that stands still at `position`."""
+    def last(self, values: Parameters) -> bool:
+        """Whether it acts after all others at its port, wherever it is named: a scale ends, however it
+        bends."""
+        return False
+
+    def shown(self, values: Parameters, position: Any) -> Any:
+        """What the sensor shows of a machine that stands still at `position`, one or (N,)."""
         return position
 
     def passes(self, values: Parameters, seen: Array) -> Array | None:

@@ -53,6 +53,9 @@ class SensorNonlinearity(Effect):
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         return [float(KINDS.index(values["kind"])), values["level"]]
 
+    def last(self, values: Parameters) -> bool:
+        return bool(values["kind"] == "clipping")
+
     def passes(self, values: Parameters, seen: Array) -> Array:
         if values["kind"] == "rectified":
             return np.sign(seen)

@@ -144,22 +144,33 @@ class Screen:
 
     def through(self, place: Place, columns: Sequence[Array]) -> Array:
         """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of what a machine
-        does its sensor shows what it `passes`."""
-        return self.passage.through(
-            place, columns, None if place.port == "output" else self._passed
-        )
+        does its sensor shows what it `passes`, of what a sensor adds what comes last in it does."""
+        passed = self._passed[place.port == "output"]
+        return self.passage.through(place, columns, passed)
 
     @cached_property
-    def _passed(self) -> list[Array] | None:
+    def _passed(self) -> tuple[list[Array] | None, list[Array] | None]:
         """What the model's sensor shows of a small change, (N,) of each recording: minus that where it
-        is blind to the sign, nothing where it clips; None where all of it."""
+        is blind to the sign, nothing where it clips, more or less where its scale bends; None where all
+        of it. Of a change of the motion, and of one that the sensor makes."""
         blind = [(EFFECTS[s.name], s.parameters) for s in self.model.acting]
         blind = [pair for pair in blind if pair[0].passes(pair[1], np.zeros(1)) is not None]
         if not blind:
-            return None
+            return None, None
+        blind.sort(key=lambda pair: pair[0].last(pair[1]))
         speed = self.model.simulator.mechanics.place is not None
-        seen = [m.v if speed else m.x for m in self.motions(Place("output", "sensor"))]
-        return [np.prod([effect.passes(v, x) for effect, v in blind], axis=0) for x in seen]
+        motion, added = [], []
+        for m in self.motions(Place("output", "sensor")):
+            seen = m.v if speed else m.x
+            motion.append(np.ones(len(seen)))
+            added.append(np.ones(len(seen)))
+            for effect, values in blind:
+                share = effect.passes(values, seen)
+                assert share is not None  # nor of zeros
+                motion[-1] = motion[-1] * share
+                added[-1] = added[-1] * share if effect.last(values) else added[-1]
+                seen = effect.shown(values, seen)
+        return motion, added if any(effect.last(v) for effect, v in blind) else None
 
     # --- motion ----------------------------------------------------------------------------------
 
