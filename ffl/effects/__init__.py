@@ -31,6 +31,7 @@ from ffl.effects.position_dependent_gain import PositionDependentGain
 from ffl.effects.presliding_friction import PreslidingFriction
 from ffl.effects.quadratic_drag import QuadraticDrag
 from ffl.effects.saturation import Saturation
+from ffl.effects.sensor_bend import SensorBend
 from ffl.effects.sensor_nonlinearity import SensorNonlinearity
 from ffl.effects.spill import Spill
 from ffl.effects.stribeck_friction import StribeckFriction
@@ -67,6 +68,7 @@ EFFECTS: dict[str, Effect] = {
         MassChange(),
         EncoderRipple(),
         SensorNonlinearity(),
+        SensorBend(),
         PeriodicDisturbance(),
         Drift(),
         Outflow(),

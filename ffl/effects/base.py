@@ -49,7 +49,7 @@ Parameters = Mapping[str, Any]
 class Parameter:
     """A parameter: `unit` in terms of F (force), x (output unit), s, Hz, rad; bounds; `linear` where
     the effect's contribution is linear in it; `optional` with a default; `stepped` where the motion
-    changes with it in steps, so that no slope tells how sure it is."""
+    changes with it in steps, so that no slope tells how sure it is; `neutral`: where it does nothing."""
 
     name: str
     unit: str
@@ -58,6 +58,7 @@ class Parameter:
     linear: bool = True
     default: float | None = None
     stepped: bool = False
+    neutral: float = 0.0
 
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
@@ -94,7 +95,6 @@ class Effect:
     `needs_mass` (its force asks for the velocity of a driven mass, which a tank does not have);
     `stages` (at port 'flow': lags in a row that it needs at least); `of_processes` (looked for where
     lags drive no stated mass); `of_angles` (looked for where the output is an angle in rad);
-    `order` (-1: it acts before all others at its port, wherever it is named; 1: after them);
     `switches` (its force jumps at v = 0, which excites modes: shorter steps where there are any);
     `ladder` (where the cost is not convex: the parameter that decides, and factors on what the
     regressor proposes for it, from which simulations begin); `valleys` (a parameter of `grid` along which
@@ -118,7 +118,6 @@ class Effect:
     stages: ClassVar[int] = 1
     of_processes: ClassVar[bool] = False
     of_angles: ClassVar[bool] = False
-    order: ClassVar[int] = 0
     switches: ClassVar[bool] = False
     ladder: ClassVar[tuple[str, Array] | None] = None
     valleys: ClassVar[str] = ""
@@ -260,8 +259,13 @@ class Effect:
         else."""
         return True
 
-    def shown(self, values: Parameters, position: float) -> float:
-        """What the sensor shows of a machine that stands still at `position`."""
+    def order(self, values: Parameters) -> int:
+        """-1: it acts before all others at its port, wherever it is named; 1: after them (a scale ends,
+        however it bends)."""
+        return 0
+
+    def shown(self, values: Parameters, position: Any) -> Any:
+        """What the sensor shows of a machine that stands still at `position`, one or (N,)."""
         return position
 
     def passes(self, values: Parameters, seen: Array) -> Array | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ffl.effects.base import Parameter, Parameters
@@ -32,10 +34,10 @@ class EncoderRipple(Repeating):
     siblings = ("cogging", "periodic_disturbance", "sensor_nonlinearity")
     law = staticmethod(_law)
 
-    def shown(self, values: Parameters, position: float) -> float:
+    def shown(self, values: Parameters, position: Any) -> Any:
         angle = 2.0 * np.pi * position / values["period"]
         pairs = enumerate(harmonics(values), 1)
-        return position + float(sum(a * np.sin(k * angle + phi) for k, (a, phi) in pairs))
+        return position + sum(a * np.sin(k * angle + phi) for k, (a, phi) in pairs)
 
     def says(self, values: Parameters, plant: Plant) -> str:
         return (

@@ -47,11 +47,11 @@ class Outflow(Effect):
     sides = (*BETWEEN, *OUT)
     default_side = BETWEEN[0]
     parameters = (
-        Parameter("empty", "x", lower=-np.inf),
+        Parameter("empty", "x", lower=-np.inf, linear=False),
         Parameter("centre", "x", lower=-np.inf, linear=False),
     )
     depends_on = ("position",)
-    siblings = ("overflow", "spill", "linear_stiffness", "position_dependent_gain")
+    siblings = ("overflow", "spill", "sensor_bend", "linear_stiffness", "position_dependent_gain")
     fixed_amount = True
     needs_mass = False
     law = staticmethod(_law)

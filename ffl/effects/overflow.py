@@ -36,7 +36,7 @@ class Overflow(Effect):
     sides = BETWEEN
     default_side = BETWEEN[0]
     parameters = (
-        Parameter("height", "x", lower=-np.inf),
+        Parameter("height", "x", lower=-np.inf, linear=False),
         Parameter("share", "", upper=1.0, default=1.0),
     )
     depends_on = ("position", "command")

@@ -23,9 +23,9 @@ class Spill(Effect):
     port = "flow"
     sides = OUT
     default_side = OUT[0]
-    parameters = (Parameter("height", "x", lower=-np.inf),)
+    parameters = (Parameter("height", "x", lower=-np.inf, linear=False),)
     depends_on = ("position", "command")
-    siblings = ("overflow", "outflow", "saturation", "sensor_nonlinearity")
+    siblings = ("overflow", "outflow", "saturation", "sensor_bend", "sensor_nonlinearity")
     fixed_amount = True
     needs_mass = False
     ladder = ("height", np.linspace(0.9, 1.1, 7))

@@ -75,7 +75,7 @@ class Compiler:
         actors.sort(
             key=lambda a: a.port == "force" and set(a.effect.depends_on) <= TIME, reverse=True
         )
-        actors.sort(key=lambda actor: actor.effect.order)
+        actors.sort(key=lambda actor: actor.effect.order(checked[actor.index]))
         for side in watch:
             points.place(side)
         if last:

@@ -188,6 +188,11 @@ ORACLE = {
         Case(sense=lambda x, memory: min(max(x, -0.01), 0.01)),
         1e-12,
     ),
+    "sensor_bend": (
+        {"level": 0.012, "ratio": 1.9},
+        Case(sense=lambda x, memory: x if x < 0.012 else 0.012 + 1.9 * (x - 0.012)),
+        1e-11,
+    ),
     "periodic_disturbance": (
         {"amplitude": 2.0, "frequency": 37.0, "phase": 0.4},
         Case(force=lambda t, x, v, z: 2 * np.sin(TURN * 37 * t + 0.4)),

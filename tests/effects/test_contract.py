@@ -67,6 +67,7 @@ SMALL = {
         {"kind": "clipping", "level": 0.0271},
         {"kind": "clipping", "level": 0.0271},
     ),
+    "sensor_bend": ({"level": 0.012, "ratio": 1.0 + 1e-6}, {"level": 0.012}),
     "periodic_disturbance": (
         {"amplitude": 1e-4, "frequency": 17.0, "phase": 0.4},
         {"frequency": 17.0},
@@ -318,7 +319,7 @@ PLACES = {
         "actuator_lag",
     ),
     "transmission": ("backlash",),
-    "sensor": ("encoder_ripple", "sensor_nonlinearity"),
+    "sensor": ("encoder_ripple", "sensor_nonlinearity", "sensor_bend"),
     "environment": ("constant_load", "periodic_disturbance", "drift"),
 }
 

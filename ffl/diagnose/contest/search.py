@@ -65,6 +65,7 @@ NEAR = 0.3  # of what the best refused would bring: a rival behind by less may b
 FORKS = 2  # most of these that are followed
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
+MOST, MOST_OF_STAGES = 3, 5  # effects that may join; a row of lags has as many of its own
 FURTHER = 4  # times 8 rounds that the best of a round are fitted on
 
 
@@ -73,7 +74,7 @@ def contest(
     held: Scene | None,
     model: Model,
     threshold: float,
-    most: int = 3,
+    most: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
     """Forward selection with substitution; the most pliable effects come in when no other does. Where
@@ -81,6 +82,8 @@ def contest(
     as well: who comes second by a little may be half of what comes first by far. So may who was turned
     down: alone it costs held-out recordings something that the others make good."""
     say = progress or (lambda line: None)
+    if most is None:
+        most = MOST_OF_STAGES if model.base.is_process else MOST
     outcome = _climb(
         scene, held, judge(scene, held, model), [], {}, frozenset(), threshold, most, say
     )

@@ -26,6 +26,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
 from ffl.diagnose.screen.candidate import Candidate, with_coefficients
+from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.screen import PER_COLUMN, POSITIVE, Screen, catalogue
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
@@ -252,7 +253,7 @@ def _solved(screen: Screen, candidates: tuple[Candidate, ...]) -> Together | Non
     for spec, own in zip(specs, coefficients, strict=True):
         if (spec.name in POSITIVE and np.any(own < 0)) or _none(spec):
             return None
-    if screen.blocks(candidates, coefficients):
+    if blocked(screen, candidates, coefficients):
         return None
     charged = float(left @ left) + PER_COLUMN * sum(c.freedom for c in candidates)
     return Together(screen, candidates, specs, charged)

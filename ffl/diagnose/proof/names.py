@@ -32,6 +32,7 @@ def _sizeless(standing: Judged, index: int) -> bool:
     ratios = []
     for c, spread in zip(standing.model.coordinates, standing.spread, strict=True):
         if c.kind == "effect" and c.effect == index and c.name in amounts and c.place is None:
-            size = 1.0 if c.log else abs(float(spec.parameters[c.name]))
+            away = float(spec.parameters[c.name]) - EFFECTS[spec.name].parameter(c.name).neutral
+            size = 1.0 if c.log else abs(away)
             ratios.append(size / max(float(spread), 1e-300))
     return bool(ratios) and max(ratios) < 1.0

@@ -22,6 +22,7 @@ SPAN = 0.01  # s over which speed is read from y
 HOLD = 1000  # most samples over which the place of a machine at rest is read
 TURN = 1e-3  # of the range of y: a way back that is a turning point
 MOVING = 0.1  # of the largest speed: in motion at the first sample
+NUDGE = 1e-6  # of a position: how far one looks for how steep its sensor is there
 SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
 
 
@@ -369,12 +370,12 @@ def behind_sensor(simulator: Simulator, start: Array, added: Callable[[float], f
     `start` has."""
     unit = simulator.at_rest(1.0)[: simulator.n_plant]
     measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
-    position = measured
+    position, small = measured, NUDGE * max(abs(measured), abs(added(measured)), 1e-300)
     for _ in range(SETTLE):
-        position = measured - added(position)
-    start = start.copy()
-    start[: simulator.n_plant] += (position - measured) * unit
-    return start
+        now, ahead = added(position), added(position + small)
+        steep = max(1.0 + (ahead - now) / small, 1.0)  # a scale may bend to more than twice as much
+        position += (measured - position - now) / steep
+    return np.append(start[: len(unit)] + (position - measured) * unit, start[len(unit) :])
 
 
 def _ordering(simulator: Simulator) -> Array:

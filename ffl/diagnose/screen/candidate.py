@@ -32,11 +32,6 @@ def with_coefficients(c: Candidate, coefficients: Array) -> EffectSpec:
     return spec_of(EFFECTS[c.spec.name], c.place, coefficients, c.nonlinear)
 
 
-def drives(c: Candidate) -> bool:
-    """Whether it changes the command on its way to the motor."""
-    return EFFECTS[c.spec.name].port == "command"
-
-
 def spec_of(
     effect: Effect, place: Place, coefficients: Array, nonlinear: Mapping[str, float]
 ) -> EffectSpec:

@@ -31,7 +31,8 @@ from ffl.diagnose.hypothesis.span import believed, orthonormal
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.noise.passage import Passage
 from ffl.diagnose.recorded.trials import Trial
-from ffl.diagnose.screen.candidate import Candidate, drives, spec_of
+from ffl.diagnose.screen.candidate import Candidate, spec_of
+from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.errors import InputError
@@ -57,7 +58,6 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "flexible_mode",
 )
 VALLEYS = 3  # beside the best that a simulation looks into
-PASSED = 0.3  # of the RMS of the (limited) command: a drive that lets through less is none
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
 
 
@@ -145,22 +145,34 @@ class Screen:
 
     def through(self, place: Place, columns: Sequence[Array]) -> Array:
         """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of what a machine
-        does its sensor shows what it `passes`."""
-        return self.passage.through(
-            place, columns, None if place.port == "output" else self._passed
-        )
+        does its sensor shows what it `passes`, of what a sensor adds what comes last in it does."""
+        passed = self._passed[place.port == "output"]
+        return self.passage.through(place, columns, passed)
 
     @cached_property
-    def _passed(self) -> list[Array] | None:
+    def _passed(self) -> tuple[list[Array] | None, list[Array] | None]:
         """What the model's sensor shows of a small change, (N,) of each recording: minus that where it
-        is blind to the sign, nothing where it clips; None where all of it."""
+        is blind to the sign, nothing where it clips, more or less where its scale bends; None where all
+        of it. Of a change of the motion, and of one that the sensor makes."""
         blind = [(EFFECTS[s.name], s.parameters) for s in self.model.acting]
         blind = [pair for pair in blind if pair[0].passes(pair[1], np.zeros(1)) is not None]
         if not blind:
-            return None
+            return None, None
+        blind.sort(key=lambda pair: pair[0].order(pair[1]))
         speed = self.model.simulator.mechanics.place is not None
-        seen = [m.v if speed else m.x for m in self.motions(Place("output", "sensor"))]
-        return [np.prod([effect.passes(v, x) for effect, v in blind], axis=0) for x in seen]
+        motion, added = [], []
+        for m in self.motions(Place("output", "sensor")):
+            seen = m.v if speed else m.x
+            motion.append(np.ones(len(seen)))
+            added.append(np.ones(len(seen)))
+            for effect, values in blind:
+                share = effect.passes(values, seen)
+                assert share is not None  # nor of zeros
+                motion[-1] = motion[-1] * share
+                if effect.order(values) > 0:
+                    added[-1] = added[-1] * share
+                seen = effect.shown(values, seen)
+        return motion, added if any(effect.order(v) > 0 for effect, v in blind) else None
 
     # --- motion ----------------------------------------------------------------------------------
 
@@ -267,28 +279,9 @@ class Screen:
             spec = spec_of(effect, place, coefficients, nonlinear)
             freedom = columns.shape[1]
             found = Candidate(spec, gain, freedom, place, self.fit, nonlinear)
-            if not self.blocks([found], [coefficients]):
+            if not blocked(self, [found], [coefficients]):
                 tops[at] = found
         return _deepest(tops) if tops else None
-
-    def blocks(self, candidates: Sequence[Candidate], coefficients: Sequence[Array]) -> bool:
-        """Whether those of the `candidates` that change the command leave next to nothing of it, or of what
-        its limit does: a limit and a dead zone as wide are minus the command together, which explains
-        whatever it does."""
-        own = [(c, k) for c, k in zip(candidates, coefficients, strict=True) if drives(c)]
-        power = left = 0.0
-        for number, motion in enumerate(self.motions(own[0][0].place)) if own else ():
-            limited, through = motion.u.copy(), np.zeros(len(motion.u))
-            for c, k in own:
-                effect, seen = EFFECTS[c.spec.name], self.motions(c.place)[number]
-                columns = self._columns(effect, seen, c.nonlinear, c.place)
-                if effect.fixed_amount:
-                    limited += columns[:, 0]
-                else:
-                    through += columns @ k[: columns.shape[1]]
-            through += limited
-            power, left = power + float(limited @ limited), left + float(through @ through)
-        return left < PASSED**2 * power
 
     def _shared(
         self, effect: Effect, place: Place, nonlinear: Mapping[str, float], tables: Tables | None
@@ -310,7 +303,7 @@ class Screen:
             columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
         else:
             columns = self.through(
-                place, [self._columns(effect, m, nonlinear, place) for m in motions]
+                place, [self.columns_of(effect, m, nonlinear, place) for m in motions]
             )
         if effect.scan == "time" and self.scene.free_clocks:
             columns = _apart(columns, [len(m.t) for m in motions])
@@ -325,7 +318,7 @@ class Screen:
             return np.zeros((self.scene.samples, 1))
         return self.scene.whiten([a - b for a, b in zip(before, after, strict=True)])[:, None]
 
-    def _columns(
+    def columns_of(
         self, effect: Effect, motion: Motion, nonlinear: Mapping[str, float], place: Place
     ):  # type: ignore[no-untyped-def]
         columns = effect.regressors(motion, **nonlinear)

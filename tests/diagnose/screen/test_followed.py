@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import commanded, prepare
 from ffl.diagnose.screen.candidate import Candidate
+from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import NEAR, astray, followed
 from ffl.diagnose.screen.screen import Screen, as_measured
 from ffl.effects import EFFECTS
@@ -96,9 +97,9 @@ def test_a_model_that_runs_away_is_not_followed(stage, record, scenes):
 
 
 @pytest.mark.parametrize(
-    ("limit", "width", "blocked"), [(1.0, 1.0, True), (1.0, 0.1, False), (1.5, 0.5, False)]
+    ("limit", "width", "stopped"), [(1.0, 1.0, True), (1.0, 0.1, False), (1.5, 0.5, False)]
 )
-def test_a_drive_that_lets_nothing_through_is_none(limited, limit, width, blocked):
+def test_a_drive_that_lets_nothing_through_is_none(limited, limit, width, stopped):
     """A limit and a dead zone as wide are minus the command together, and so explain whatever it does."""
     scene, _, model = limited
     along = as_measured(scene, fit(scene, model, rounds=0))
@@ -108,6 +109,6 @@ def test_a_drive_that_lets_nothing_through_is_none(limited, limit, width, blocke
         Candidate(EffectSpec("dead_zone", {}), 0.0, 1, place, along.fit, {"shape": width}),
     ]
     amounts = [np.ones(1), np.array([width])]
-    assert along.blocks(pair, amounts) is blocked
-    assert not any(along.blocks([c], [a]) for c, a in zip(pair, amounts, strict=True))
-    assert not along.blocks([], [])
+    assert blocked(along, pair, amounts) is stopped
+    assert not any(blocked(along, [c], [a]) for c, a in zip(pair, amounts, strict=True))
+    assert not blocked(along, [], [])
