@@ -14,7 +14,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.heard import with_modes_heard
-from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
+from ffl.diagnose.noise.noise import GUESSED, SLOWEST, Noise, fit_noise
 from ffl.diagnose.noise.plain import too_loud, weighed
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.loose_head import with_loose_head
@@ -56,7 +56,6 @@ SMOOTHS = (
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 GUESS = 1e-3  # of the command's size: force noise where none is stated
-GUESSED = 10.0  # times that guess: louder than a drive is
 
 
 def diagnose(
@@ -195,8 +194,8 @@ def _named(
         notes.append(
             f"the search was ended after {scene.work.runs} simulations: more may be missing"
         )
-    outcome = with_rattling(scene, held, outcome, told, prior)
-    outcome = with_loose_head(scene, held, outcome, told, prior)
+    outcome = with_rattling(scene, held, outcome, told, prior, say)
+    outcome = with_loose_head(scene, held, outcome, told, prior, say)
     outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:
