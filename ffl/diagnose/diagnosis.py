@@ -105,13 +105,15 @@ def _diagnose_output(
     shortest = min(len(r) for r in everything)
     if shortest < SHORTEST:
         return too_short(model, health, shortest)
+    observed = needs_observer(model)
+    if observed:
+        _require_command(everything)
     say("checking the recordings: sound")
 
     def named(seen: Comparison, notes: list[str]) -> Diagnosis:
         return _named(model, seen, health, notes, rng, say)
 
-    if needs_observer(model):
-        _require_command(everything)
+    if observed:
         notes.append(
             "the controller is unknown and the plant integrates: predicted through an observer, not in "
             "free run"
