@@ -32,6 +32,7 @@ from ffl.diagnose.predict.rattling import with_rattling
 from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
+from ffl.diagnose.recorded.commands import as_limited, reached
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import blocks, commanded, prepare, stretches
@@ -105,6 +106,9 @@ def _diagnose_output(
     shortest = min(len(r) for r in everything)
     if shortest < SHORTEST:
         return too_short(model, health, shortest)
+    recordings, validation = (
+        [as_limited(model, r) for r in group] for group in (recordings, validation)
+    )
     observed = needs_observer(model)
     if observed:
         _require_command(everything)
@@ -157,7 +161,8 @@ def _named(
     model, recordings, validation = seen.model, seen.recordings, seen.validation
     everything = [*recordings, *validation]
     travel = max(float(np.ptp(r.y)) for r in everything)
-    base = Base.of(model, travel, max(float(np.abs(r.t).max()) for r in everything))
+    until = max(float(np.abs(r.t).max()) for r in everything)
+    base = Base.of(model, travel, until, reached(model, everything))
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = blocks(recordings)
