@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -74,7 +73,6 @@ def diagnose(
     here = Path()
     found = [find_recording(str(path), here) for path in recordings]
     judging = [find_recording(str(path), here) for path in validate or ()]
-    quiet = quiet or not sys.stderr.isatty()
     answer = diagnose_with_report(model, found, judging, map, out, quiet)
     if json:
         print_json(answer)

@@ -14,7 +14,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.heard import with_modes_heard
-from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
+from ffl.diagnose.noise.noise import GUESSED, SLOWEST, Noise, fit_noise
 from ffl.diagnose.noise.plain import too_loud, weighed
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.loose_head import with_loose_head
@@ -32,6 +32,7 @@ from ffl.diagnose.predict.rattling import with_rattling
 from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
+from ffl.diagnose.recorded.commands import as_limited, reached
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import blocks, commanded, prepare, stretches
@@ -56,7 +57,6 @@ SMOOTHS = (
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 GUESS = 1e-3  # of the command's size: force noise where none is stated
-GUESSED = 10.0  # times that guess: louder than a drive is
 
 
 def diagnose(
@@ -106,13 +106,18 @@ def _diagnose_output(
     shortest = min(len(r) for r in everything)
     if shortest < SHORTEST:
         return too_short(model, health, shortest)
+    recordings, validation = (
+        [as_limited(model, r) for r in group] for group in (recordings, validation)
+    )
+    observed = needs_observer(model)
+    if observed:
+        _require_command(everything)
     say("checking the recordings: sound")
 
     def named(seen: Comparison, notes: list[str]) -> Diagnosis:
         return _named(model, seen, health, notes, rng, say)
 
-    if needs_observer(model):
-        _require_command(everything)
+    if observed:
         notes.append(
             "the controller is unknown and the plant integrates: predicted through an observer, not in "
             "free run"
@@ -156,7 +161,8 @@ def _named(
     model, recordings, validation = seen.model, seen.recordings, seen.validation
     everything = [*recordings, *validation]
     travel = max(float(np.ptp(r.y)) for r in everything)
-    base = Base.of(model, travel, max(float(np.abs(r.t).max()) for r in everything))
+    until = max(float(np.abs(r.t).max()) for r in everything)
+    base = Base.of(model, travel, until, reached(model, everything))
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = blocks(recordings)
@@ -195,8 +201,8 @@ def _named(
         notes.append(
             f"the search was ended after {scene.work.runs} simulations: more may be missing"
         )
-    outcome = with_rattling(scene, held, outcome, told, prior)
-    outcome = with_loose_head(scene, held, outcome, told, prior)
+    outcome = with_rattling(scene, held, outcome, told, prior, say)
+    outcome = with_loose_head(scene, held, outcome, told, prior, say)
     outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:

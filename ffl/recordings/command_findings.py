@@ -43,7 +43,7 @@ def _saturated(recording: Recording) -> list[Finding]:
             "saturated",
             "u",
             f"u stands at its extreme {said} for {100 * share:.2g} % of the samples: the actuator's "
-            "limit, beyond which u does not follow the controller",
+            "limit, beyond which u does not follow the controller (`command_limit` in [machine])",
             "fault" if share > 0.5 else "warning",
             spans(recording.t, first, stop),
             share,

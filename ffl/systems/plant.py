@@ -25,7 +25,8 @@ class Physics:
 
 @dataclass(frozen=True)
 class Imperfections:
-    """How the real thing differs from mathematics; used when it runs, not by the model.
+    """How the real thing differs from mathematics; used when it runs, not by the model, but for
+    `command_limit`, to which a diagnosis holds the controller's command as the drive does.
 
     `encoder_resolution` and `sensor_noise` (standard deviation) in output units, `force_noise`
     (standard deviation) and `command_limit` in input units; zero or None: none.

@@ -1,5 +1,6 @@
 import io
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -62,3 +63,29 @@ def test_work_of_unknown_length_shows_a_bar_after_a_while(monkeypatch, capfd):
     with terminal.working("identify kernel"):
         time.sleep(0.3)
     assert "identify kernel" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_a_diagnosis_says_how_far_it_is_off_a_terminal_too(quiet, tmp_path, monkeypatch, capfd):
+    """A job whose stderr goes to a file shows that it lives; stdout is the answer alone."""
+    import json
+
+    import ffl.report.diagnosis as page
+    from ffl.cli import execute
+
+    def diagnosed(plant, recordings, validation, progress):
+        for line in ("checking the recordings: sound", "nothing: log-likelihood 1.0"):
+            if progress:
+                progress(line)
+        return SimpleNamespace(answer=lambda: {"verdict": "nothing_missing"})
+
+    monkeypatch.setattr(page, "diagnose", diagnosed)
+    monkeypatch.setattr(page, "read_recording", lambda *a, **k: None)
+    (tmp_path / "run.csv").write_text("t,u,y\n")
+    command = ["diagnose", "--model", "emps", str(tmp_path / "run.csv"), "--json"]
+    assert execute([*command, "--quiet"] if quiet else command) == 0
+    out, err = capfd.readouterr()
+    assert json.loads(out) == {"verdict": "nothing_missing"}
+    assert err.splitlines() == (
+        [] if quiet else ["ffl: checking the recordings: sound", "ffl: nothing: log-likelihood 1.0"]
+    )

@@ -51,11 +51,19 @@ class Base:
     corrections: tuple[Correction, ...]
     travel: float = 0.0  # range of y in the recordings
     until: float = 0.0  # s, the last time on their clocks
+    limit: float | None = None  # of the command, as the plant file states it, where they come to it
 
     @classmethod
-    def of(cls, plant: Plant, travel: float = 0.0, until: float = 0.0) -> Base:
+    def of(
+        cls, plant: Plant, travel: float = 0.0, until: float = 0.0, limit: float | None = None
+    ) -> Base:
         simulator = Simulator(plant)
-        return cls(plant, simulator, corrections_of(simulator.mechanics), travel, until)
+        return cls(plant, simulator, corrections_of(simulator.mechanics), travel, until, limit)
+
+    @cached_property
+    def unlimited(self) -> Base:
+        """What stands behind the drive."""
+        return replace(self, limit=None)
 
     @property
     def is_process(self) -> bool:
@@ -137,6 +145,7 @@ class Model:
             start_time=trial.start_time,
             before=trial.before,
             travel=trial.travel,
+            command_limit=self.base.limit,
         )
 
     @cached_property
@@ -146,14 +155,15 @@ class Model:
 
     @cached_property
     def behind(self) -> Model:
-        """The machine behind all that bends the command of a closed loop, if something found does: those
-        are fed with it as recorded (`as_sent`). Else the model itself."""
-        if self.base.plant.controller is None or not any(map(bends, self.effects)):
+        """The machine behind all that bends the command of a closed loop, if something found does or its
+        stated limit was reached: those are fed with it as recorded (`as_sent`). Else the model itself."""
+        bent = self.base.limit is not None or any(map(bends, self.effects))
+        if self.base.plant.controller is None or not bent:
             return self
         effects, given = (
             tuple(s for s in specs if not bends(s)) for specs in (self.effects, self.stated)
         )
-        other = replace(self, effects=effects, given=given)
+        other = replace(self, base=self.base.unlimited, effects=effects, given=given)
         object.__setattr__(other, "substeps", self.substeps)
         return other
 

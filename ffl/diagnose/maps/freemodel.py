@@ -166,6 +166,7 @@ class FreeModel:
             noise=ports.get("output"), start=start, start_time=trial.start_time,
             before=trial.before,
             travel=trial.travel, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
+            command_limit=self.model.base.limit,
             applied=(ports["force"], side) if side else None, others=self._mapped,
         )  # fmt: skip
 

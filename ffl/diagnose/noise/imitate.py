@@ -15,6 +15,7 @@ import scipy.signal
 from numpy.random import Generator
 
 from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.commands import limit_of
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation, Simulator
@@ -59,6 +60,7 @@ def imitated(
             start_time=trial.start_time,
             before=trial.before,
             travel=trial.travel,
+            command_limit=None if trial.asked is None else limit_of(plant),
         )
 
     out = []

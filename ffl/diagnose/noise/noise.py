@@ -20,6 +20,7 @@ from ffl.systems.state_space import Array
 SLOWEST = 1.0  # Hz: lowest corner of coloured noise; what is slower is physics
 SLOW = 0.02  # of the sampling rate: the same for processes that are sampled slowly
 LOUDEST = 2.5  # most coloured noise beside the white: a louder one would pass friction for noise
+GUESSED = 10.0  # times a guess of the force noise, where none is stated: louder than a drive is
 ROUGH = 30.0  # Hz: corner of noise that is partly coloured
 
 

@@ -7,6 +7,8 @@ drive, u' = D(u), the rest is the linear loop with d = u' - u beside its command
     y - y'_sim = S (P w + v),
 whose noise is stationary again and whitened exactly: log p(y | u) of the same samples. Where the command
 goes through other effects as well, delays say, d is what all of them make of it less what the others do.
+The same holds of a limit that the plant file states (`command_limit`): u was recorded behind it, and d is
+what is made of u less what the others would make of what the controller asked for.
 """
 
 from __future__ import annotations
@@ -35,5 +37,6 @@ def as_sent(trial: Trial, effects: Sequence[EffectSpec]) -> Trial | None:
     if not np.all(np.isfinite(trial.u)) or not all(map(separable, through)):
         return None
     others = [spec for spec in through if not bends(spec)]
-    made = without(trial, through).u - without(trial, others).u
-    return replace(trial, load=made if trial.load is None else trial.load + made)
+    asked = trial if trial.asked is None else replace(trial, u=trial.asked)
+    made = without(trial, through).u - without(asked, others).u
+    return replace(trial, load=made if trial.load is None else trial.load + made, asked=None)

@@ -33,7 +33,7 @@ from ffl.diagnose.predict.joining import (
 )
 from ffl.diagnose.predict.moving import doubted, gap_at, moved
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
-from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, UNEXPLAINED, crossed
+from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, unexplained
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
@@ -49,7 +49,12 @@ STARTS = 3  # gaps of the grid that are fitted
 
 
 def with_loose_head(
-    scene: Scene, held: Scene | None, outcome: Outcome, told: Model, prior: Noise
+    scene: Scene,
+    held: Scene | None,
+    outcome: Outcome,
+    told: Model,
+    prior: Noise,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Outcome:
     """`outcome`, or, where a play of the measuring head foretells fitted and held-out recordings clearly
     better than all that the contest named, that play with who else is missing; `told`: the model with no
@@ -61,8 +66,9 @@ def with_loose_head(
         return outcome
     scene = replace(scene, noise=partly_coloured(prior))
     left = scene.residuals(standing.model)
-    if left is not None and np.mean(replace(scene, noise=prior).whiten(left) ** 2) < UNEXPLAINED:
+    if left is not None and not unexplained(scene, left, told, prior):
         return outcome
+    say("a play of what is measured is looked for from sample to sample")
     begun = start(scene, told, standing.model)
     if begun is None:
         return outcome

@@ -79,9 +79,12 @@ def _observed(model: Plant) -> Iterator[Plant]:
     for exponent in np.arange(16.0, -16.0, -0.5):
         weight = 10.0**exponent * np.linalg.norm(p.c) ** 2 * max(scale, 1e-300) ** 2
         try:
-            plant = replace(model, controller=_lqg(p, weight, 10.0**exponent))
+            controller = _lqg(p, weight, 10.0**exponent)
         except (np.linalg.LinAlgError, ValueError):
             continue
+        # The command as recorded is beyond the drive's limit already.
+        machine = replace(model.machine, command_limit=None)
+        plant = replace(model, controller=controller, machine=machine)
         if np.abs(plant.loop.poles).max() < 1.0:
             yield plant
 

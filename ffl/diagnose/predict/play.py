@@ -31,6 +31,7 @@ NONE = 1e-9
 RATIOS = (0.4, 1.0, 2.5)
 CONTACT = 0.05  # damping ratio of the contact to begin with
 SHARES, FREQUENCIES, STICKY = (0.25, 0.5, 0.75), (60.0, 130.0), 0.2  # of a load behind the gap
+SEEN = 0.35  # of the sampling rate: a contact that rings faster shows in no sample
 STARTS = 3  # forms of the grid that are looked at more closely
 LEAST_SHARE = 0.03  # of the mass: as good as none behind the gap
 LOG_STEP = 0.01  # of a logarithm, for derivatives
@@ -133,12 +134,14 @@ def _forms(model: Model) -> list[dict[str, Any]]:
     if len(modes) != 1 or model.base.is_process or modes[0].stiffness > BOUND**2:
         return []
     shared = {"kind": "load", "damping": STICKY}
+    most = SEEN / model.base.simulator.mechanics.sample_time
+    frequencies = sorted({min(frequency, most) for frequency in FREQUENCIES})
     tried = [
         {**shared, "measured": "motor", "load_fraction": share, "frequency": frequency}
-        for share in SHARES for frequency in FREQUENCIES
+        for share in SHARES for frequency in frequencies
     ]  # fmt: skip
     tried += [
-        {**form, "measured": "load"} for form in tried if form["frequency"] == FREQUENCIES[-1]
+        {**form, "measured": "load"} for form in tried if form["frequency"] == frequencies[-1]
     ]
     return [{**tried[0], "load_fraction": LEAST_SHARE}, *tried]
 

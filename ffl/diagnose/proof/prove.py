@@ -12,6 +12,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.maps.freemodel import FreeModel
 from ffl.diagnose.noise.imitate import Imitation, imitated
 from ffl.diagnose.noise.noise import Paths
+from ffl.diagnose.recorded.commands import limit_of
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant
@@ -86,6 +87,7 @@ def run_plant(plant: Plant, trial: Trial) -> Simulation:
         start_time=trial.start_time,
         before=trial.before,
         travel=trial.travel,
+        command_limit=limit_of(plant),
     )
 
 
@@ -123,7 +125,8 @@ def prove(
     density = judged.noise.density(paths)
     variance = float(np.mean(density))
     alike: list[Imitation] = []
-    if plant.effects and not observed and not held.plain:
+    bent = plant.effects or any(trial.asked is not None for trial in trials)
+    if bent and not observed and not held.plain:
         alike = imitated(plant, trials, judged.noise, rng)
     if alike:
         variance = _mean_square(one.y for one in alike)

@@ -1,4 +1,5 @@
-"""Is the recording what it says? With a known controller u = f + C_r r - C_y y to print precision.
+"""Is the recording what it says? With a known controller u = f + C_r r - C_y y to print precision, held
+to the drive's limit where the plant file states one.
 
 Whatever breaks that equation is a fault of the recording or of the stated controller, never physics:
 the plant does not enter it. The commonest faults each make it right again in their own way, which
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ffl.diagnose.recorded.commands import NEAR, at_limit, limit_of
 from ffl.recordings import Recording
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
@@ -19,6 +21,8 @@ from ffl.systems.zpk import as_state_space
 
 CONSISTENT = 0.02  # of the command's RMS
 SHIFTS = 64  # samples
+CUT = 8  # samples that must stand at the largest |u|, for it to be a limit that nobody stated
+FEW = 0.1  # of the samples: with fewer below a limit it is none to compare by
 ROWS = 20000
 
 
@@ -90,10 +94,12 @@ def _dead(recording: Recording) -> Fault | None:
 
 
 class _Equation:
-    """u - f = a C_r r - b C_y y + free response of the controller, over the first rows."""
+    """u - f = a C_r r - b C_y y + free response of the controller, over the first rows, those at the
+    `limit` of the drive left out (None: as the plant file states it)."""
 
-    def __init__(self, plant: Plant, recording: Recording) -> None:
+    def __init__(self, plant: Plant, recording: Recording, limit: float | None = None) -> None:
         assert plant.controller is not None
+        limit = limit or limit_of(plant)
         n = min(len(recording), ROWS)
         self.u, self.f = recording.u[:n], recording.f[:n]
         self.y = recording.y[:n]
@@ -103,16 +109,32 @@ class _Equation:
         self.by_y = np.atleast_1d(self.output.filter(self.y))
         self.free = _free(plant.controller.state_space, n)
         self.size = float(np.sqrt(np.mean(self.u**2))) or 1.0
+        self.kept = ~at_limit(self.u, limit)
+        # What goes beyond the limit was recorded before it, or in another unit.
+        cut = limit is not None and np.abs(self.u).max() <= (1.0 + NEAR) * limit
+        self.limit = limit if cut and np.mean(self.kept) > FEW else None
+        if self.limit is None:
+            self.kept[:] = True
+
+    def stated(self) -> tuple[float, Array]:
+        """(relative RMS of what the equation leaves of u as it stands, residual)."""
+        given = self.f + self.by_r - self.by_y
+        _, _, rest = self.left(self.u - given)
+        if self.limit is not None:
+            sent = np.clip(self.u - rest, -self.limit, self.limit)
+            rest = np.where(self.kept, rest, self.u - sent)
+        return float(np.sqrt(np.mean(rest**2))) / self.size, rest
 
     def left(self, target: Array, columns: Sequence[Array] = ()) -> tuple[float, Array, Array]:
-        """(relative RMS of what is left, coefficients of the columns, residual)."""
+        """(relative RMS of what is left below the limit, coefficients of the columns, residual)."""
         table = np.column_stack([*columns, self.free]) if len(columns) else self.free
         if table.shape[1] == 0:
-            return float(np.sqrt(np.mean(target**2))) / self.size, np.zeros(0), target
-        scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-        solution = np.linalg.lstsq(table / scale, target, rcond=1e-12)[0] / scale
+            return float(np.sqrt(np.mean(target[self.kept] ** 2))) / self.size, np.zeros(0), target
+        own = table[self.kept]
+        scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        solution = np.linalg.lstsq(own / scale, target[self.kept], rcond=1e-12)[0] / scale
         rest = target - table @ solution
-        size = float(np.sqrt(np.mean(rest**2)))
+        size = float(np.sqrt(np.mean(rest[self.kept] ** 2)))
         return size / self.size, solution[: len(columns)], rest
 
 
@@ -130,7 +152,7 @@ def _free(system: StateSpace, n: int) -> Array:
 def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Fault | None]:
     eq = _Equation(plant, recording)
     name = recording.source
-    stated, _, rest = eq.left(eq.u - eq.f - eq.by_r + eq.by_y)
+    stated, rest = eq.stated()
     if stated <= CONSISTENT:
         return stated, None
     good = min(max(0.15 * stated, 1e-4), 0.05)
@@ -138,6 +160,15 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
     def fault(kind: str, where: str, mend: str) -> tuple[float, Fault]:
         return stated, Fault(name, kind, where, mend)
 
+    level = float(np.abs(eq.u).max())
+    if np.sum(at_limit(eq.u, level)) >= CUT:
+        eq = _Equation(plant, recording, level)
+        if eq.stated()[0] < good:
+            return fault(
+                "limit", "the limit of the command",
+                f"u is what the stated controller gives, cut at {level:.6g}: state command_limit = "
+                f"{level:.6g} in [machine] of the plant file",
+            )  # fmt: skip
     # u as a whole: sign or unit.
     left, (k,), _ = eq.left(eq.u, [eq.f + eq.by_r - eq.by_y])
     if left < good:
@@ -215,7 +246,8 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
 
 def _moved(eq: _Equation, part: Array) -> float:
     """RMS of what is left of u, in shares of it, away from the ends."""
-    part = part[SHIFTS + 200 : len(part) - SHIFTS]
+    within = slice(SHIFTS + 200, len(part) - SHIFTS)
+    part = part[within][eq.kept[within]]
     part = part - np.mean(part) if eq.free.shape[1] else part
     return float(np.sqrt(np.mean(part**2))) / eq.size
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.hypothesis.linear import carried, discrete
+from ffl.diagnose.recorded.commands import as_limited, asked_for, feedback_of, limit_of
 from ffl.diagnose.recorded.resting import springs_back, winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
-from ffl.systems.loop import Controller
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
@@ -53,6 +53,7 @@ class Trial:
     held: float | None = None  # command until the first sample, where it was found
     unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
     warm: float = 0.0  # squared command that had warmed the machine before (see `warmth`)
+    asked: Array | None = None  # by the controller, where the drive's stated limit was reached
 
     def __len__(self) -> int:
         return len(self.y)
@@ -85,7 +86,7 @@ class Trial:
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
         parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}
-        for name in ("load", "unrest"):
+        for name in ("load", "unrest", "asked"):
             whole = getattr(self, name)
             parts[name] = None if whole is None else whole[:rows]
         return replace(self, **parts)
@@ -104,7 +105,8 @@ class Trial:
             return None if x is None else np.concatenate([np.full(rows, x[0]), x])
 
         parts = {
-            k: longer(getattr(self, k)) for k in ("reference", "feedforward", "load", "y", "u")
+            k: longer(getattr(self, k))
+            for k in ("reference", "feedforward", "load", "y", "u", "asked")
         }
         begun = self.start_time - rows * self.sample_time
         return replace(self, **parts, start_time=begun, unrest=None)
@@ -151,35 +153,11 @@ def in_motion(recording: Recording, sample: int, reach: int) -> int:
 
 def commanded(plant: Plant, recording: Recording) -> Recording:
     """The recording with u = f + C_r r - C_y y where it was not measured, the controller is known and
-    the start is at rest, so that the controller's state there is no secret."""
+    the start is at rest, so that the controller's state there is no secret; held to the drive's limit."""
     unknown = not np.all(np.isfinite(recording.u))
     if plant.controller is None or not unknown or not starts_at_rest(recording):
         return recording
-    return recording.with_command(feedback_of(plant.controller, recording)[1])
-
-
-def feedback_of(controller: Controller, recording: Recording) -> tuple[Array, Array]:
-    """(states at the start, u_fb) of the controller fed with the recorded r and y.
-
-    The states are those that explain u - f best over the first samples: exact where the controller
-    is the one that ran, since u_fb = C_r r - C_y y leaves nothing else free.
-    """
-    system = controller.state_space
-    inputs = np.column_stack([recording.r, recording.y])
-    forced = np.atleast_1d(system.filter(inputs))
-    n = system.order
-    if not n or not np.all(np.isfinite(recording.u)):
-        return np.zeros(n), forced
-    rows = min(len(recording), max(20 * n, 200))
-    free = np.empty((rows, n))
-    state = np.eye(n)
-    for k in range(rows):
-        free[k] = system.c[0] @ state
-        state = system.a @ state
-    wanted = (recording.u - recording.f - forced)[:rows]
-    scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
-    states = np.linalg.lstsq(free / scale, wanted, rcond=1e-12)[0] / scale
-    return states, np.atleast_1d(system.filter(inputs, states))
+    return as_limited(plant, recording.with_command(feedback_of(plant.controller, recording)[1]))
 
 
 def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple[Array, Array]:
@@ -284,8 +262,10 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         adrift = in_motion_from(simulator, recording, noise)
     if not rest and adrift is not None:
         start[: n_plant + delay], doubt = adrift[0][: n_plant + delay], adrift[1]
+    asked = None
     if plant.controller is not None and known_command:
-        states, _ = feedback_of(plant.controller, recording)
+        states, fed_back = feedback_of(plant.controller, recording, limit_of(plant))
+        asked = asked_for(plant, recording, fed_back)
         for whole in (start, adrift[0]):
             whole[n_plant + delay :] = states
     return Trial(
@@ -304,6 +284,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         0.0 if rest else _travel(recording, is_speed(plant.output_unit)),
         rest and springs_back(simulator),
         adrift if rest else None,
+        asked=asked,
     )
 
 

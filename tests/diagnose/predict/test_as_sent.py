@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest.judging import judge
-from ffl.diagnose.hypothesis.model import Base
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.recorded.commands import reached
+from ffl.diagnose.recorded.trials import prepare
 from ffl.systems import EffectSpec, Imperfections
 
 DEAD = EffectSpec("dead_zone", {"half_width": 0.035})
 LIMIT = EffectSpec("saturation", {"limit": 0.6})
 DRAG = EffectSpec("quadratic_drag", {"coefficient": 30.0})
+LAG = EffectSpec("actuator_lag", {"time_constant": 0.004})
 SLOW = EffectSpec("periodic_disturbance", {"frequency": 0.7, "amplitude": 0.01, "phase": 0.3})
 
 
@@ -68,6 +71,35 @@ def test_whatever_else_the_command_goes_through_follows(stage, record, scenes, c
         found = replace(model, effects=effects)
         assert found.judged_on([trial])[0] is not found
         np.testing.assert_allclose(found.output(trial), trial.y, atol=1e-5)
+
+
+@pytest.mark.parametrize("company", [(), (DEAD,), (DRAG, LIMIT), (LAG,), (DEAD, LAG)])
+def test_a_stated_limit_of_the_command_is_gone_through_first(stage, record, company):
+    """Without noise the true model leaves nothing, led by the command as sent and in free runs, where that
+    as the controller asked for it is cut as well."""
+    sent = 1.2 * LIMIT.parameters["limit"]
+    still = replace(stage, machine=Imperfections(0.0, 0.0, 0.0, sent))
+    run = record(replace(still, effects=company))[0]
+    assert np.sum(np.abs(run.u) == sent) > 20
+    base = Base.of(still, 0.1, 3.0, reached(still, [run]))
+    model, trial = Model(base, effects=company), prepare(base.simulator, run, 1e-7)
+    behind, (fed,) = model.judged_on([trial])
+    assert behind is not model
+    assert behind.base.limit is None
+    assert fed.asked is None
+    np.testing.assert_allclose(model.output(trial), trial.y, atol=1e-5 if LAG in company else 1e-9)
+    free = model.simulate(trial)
+    np.testing.assert_allclose(free.y, trial.y, atol=1e-9)
+    np.testing.assert_allclose(free.u, trial.u, atol=1e-6)
+
+
+def test_a_limit_that_is_never_reached_changes_nothing(stage, record):
+    far = replace(stage, machine=replace(stage.machine, command_limit=1e3))
+    run = record(far)[0]
+    assert reached(far, [run]) is None
+    model = Model(Base.of(far, 0.1))
+    assert prepare(model.base.simulator, run, 1e-7).asked is None
+    assert model.behind is model
 
 
 def test_a_limit_that_the_plant_file_states_is_fed_as_well(judged):

@@ -80,3 +80,9 @@ def test_friction_is_named_though_stiction_held_the_machine_before(axis, recorde
     assert found["constant_load"]["force"]["value"] == pytest.approx(LOAD, rel=0.05)
     assert found["viscous_friction"]["coefficient"]["value"] == pytest.approx(VISCOUS, rel=0.15)
     assert "drift" not in found
+
+
+def test_an_observer_is_held_to_no_limit(axis):  # type: ignore[no-untyped-def]
+    """u as recorded is beyond the drive already, and what the observer adds goes through none."""
+    limited = replace(axis, machine=Imperfections(1e-7, 1e-7, 20.0, 100.0))
+    assert with_observer(limited, 6.0).machine == Imperfections(1e-7, 1e-7, 20.0, None)

@@ -10,12 +10,14 @@ from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict import switching
 from ffl.diagnose.predict.joining import needed
 from ffl.diagnose.predict.moving import doubted, gap_at
-from ffl.diagnose.predict.play import Hypothesis, _along_valley, settled, start
-from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed
+from ffl.diagnose.predict.play import Hypothesis, _along_valley, _forms, settled, start
+from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed, unexplained
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
+from ffl.recordings import Recording
 from ffl.systems import Controller, EffectSpec, Imperfections, Move, Physics, Plant, Zpk, moves
 
 STEP, GAP = 0.001, 5e-4
@@ -246,3 +248,40 @@ def test_standard_errors_of_a_play_hold_the_truth(astray):
     assert off < 2.5 * wider.spread[at] < 0.5 * GAP
     corrections = slice(0, 4)
     assert np.array_equal(wider.jacobian[:, corrections], told.jacobian[:, corrections])
+
+
+def test_no_contact_rings_faster_than_samples_show(rigid, monkeypatch):
+    """At 20 Hz a contact of 130 Hz took 409 sub-steps of each sample, and a search no end."""
+    slow = replace(
+        rigid, system=Zpk(np.array([-1.0]), np.array([1.0, 1.0]), 2.5e-4, 0.05), controller=None
+    )
+    model, taken = Model(Base.of(slow, 0.1)), []
+    assert max(form["frequency"] for form in _forms(model)) <= 0.35 / 0.05
+    assert {form["frequency"] for form in _forms(Model(Base.of(rigid, 0.1)))} == {60.0, 130.0}
+
+    def noted(*arguments):
+        taken.append(arguments[-1])
+        return np.zeros(1), np.ones(1)
+
+    monkeypatch.setattr(switching, "_filter", noted)
+    t = 0.05 * np.arange(100)
+    recording = Recording.from_signals(0.05, u=np.sin(t), y=0.1 * np.sin(t))
+    trial = prepare(model.base.simulator, recording, 1e-6)
+    Hypothesis.of(model, GAP, {**LOAD, "measured": "motor", "frequency": 2000.0}, NOISE).predict(
+        [trial]
+    )
+    assert taken == [switching.MOST_SUBSTEPS]
+
+
+def test_a_guess_of_the_force_noise_is_no_statement(rigid):
+    """What is left is louder than a guess, and no louder than a drive may be: nothing that rattles."""
+    rng = np.random.default_rng(0)
+    r = path(1, -1)
+    loud = replace(rigid, machine=Imperfections(0.0, 1e-8, 0.08, None))
+    prior = Noise(1e-8, 0.01)
+    run = SimulatedMachine(loud).run(r, np.zeros_like(r), rng)
+    for stated, told in ((0.01, True), (0.0, False)):
+        plant = replace(rigid, machine=replace(rigid.machine, force_noise=stated))
+        model = Model(Base.of(plant, 0.1))
+        scene = Scene(plant.loop, (prepare(model.base.simulator, run, 1e-8),), prior)
+        assert unexplained(scene, scene.residuals(model), model, prior) is told

@@ -11,7 +11,8 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.recorded.mistaken import mistakes
+from ffl.diagnose.recorded.mistaken import ALIKE, _factor, mistakes
+from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems import EffectSpec
 from ffl.systems.plant_file import plant_from_dict
@@ -59,6 +60,42 @@ def test_open_loop(motor, driven, kind, spoil, mend):
 def test_what_is_merely_nonlinear_is_no_mistake(motor, driven):
     for y in (np.abs(driven.y), np.clip(driven.y, -20.0, 20.0), 2.2 * driven.y):
         assert not mistakes(motor, [replace(driven, y=y)])
+
+
+@pytest.fixture(scope="module")
+def dive():
+    """85 kg under water and recordings of it: drag makes a fourth of y what the model alone would."""
+    made = plant_from_dict(
+        {
+            "name": "vehicle",
+            "sample_time": 0.05,
+            "units": {"input": "N", "output": "m"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [0.0, -0.35], "gain": 1 / 85.0},
+            "physics": {"mass": 85.0, "motor_constant": 1.0},
+        }
+    )
+    drag = EffectSpec("quadratic_drag", {"coefficient": 160.0})
+    t = 0.05 * np.arange(3000)
+    tones = ((40.0, 0.031, 0.2), (30.0, 0.083, 1.1), (30.0, 0.17, 2.3))
+    u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
+    rng = np.random.default_rng(0)
+    y = Simulator(made).run((drag,), feedforward=u).y + 0.002 * rng.standard_normal(len(u))
+    return made, Recording.from_signals(0.05, u=u, y=y, source="dive.csv")
+
+
+def test_drag_is_no_wrong_gain(dive):
+    """0.3 times what the model makes of u, and out of proportion: y hardly grows where u does."""
+    made, run = dive
+    factor, left = _factor(made, run.u, run.y)
+    assert factor < 1 / 3
+    assert left < ALIKE
+    assert not mistakes(made, [run])
+
+
+@pytest.mark.parametrize("spoil", [lambda r: {"u": 1e3 * r.u}, lambda r: {"y": 1e-3 * r.y}])
+def test_a_wrong_unit_beside_drag_is_one(dive, spoil):
+    made, run = dive
+    assert [f.kind for f in mistakes(made, [replace(run, **spoil(run))])] == ["unit"]
 
 
 def test_units_of_the_header_against_those_of_the_plant_file(stage, record):  # type: ignore[no-untyped-def]

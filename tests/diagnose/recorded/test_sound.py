@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.recorded.commands import feedback_of
 from ffl.diagnose.recorded.sound import soundness
 from ffl.recordings import Recording
-from ffl.systems import Controller
+from ffl.systems import Controller, EffectSpec
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +78,73 @@ def test_constant_output_and_too_few_samples_are_inconclusive(stage, clean):  # 
     still = _with(clean, y=np.zeros(len(clean)))
     assert diagnose(stage, [still]).answer()["verdict"] == "inconclusive"
     assert diagnose(stage, [clean[300:350]]).answer()["verdict"] == "inconclusive"
+
+
+@pytest.fixture(scope="module")
+def held(stage, record):  # type: ignore[no-untyped-def]
+    """The stage with a drive that sends no more than half of what is asked for, as made and recorded."""
+    limit = 0.5 * float(np.abs(record(stage)[0].u).max())
+    limited = replace(stage, machine=replace(stage.machine, command_limit=limit))
+    return limited, record(limited)
+
+
+def test_a_stated_limit_of_the_command_is_no_fault(held):  # type: ignore[no-untyped-def]
+    limited, runs = held
+    found = soundness(limited, runs)
+    assert not found.faults
+    assert max(found.consistency) < 1e-6
+
+
+def test_a_limit_that_nobody_stated_is_said_with_its_mend(stage, held):  # type: ignore[no-untyped-def]
+    limited, runs = held
+    limit = limited.machine.command_limit
+    other = replace(stage, machine=replace(stage.machine, command_limit=1.2 * limit))
+    for model in (stage, other):
+        (fault,) = soundness(model, runs[:1]).faults
+        assert fault.kind == "limit"
+        assert f"state command_limit = {limit:.6g} in [machine]" in fault.mend
+
+
+def test_a_command_recorded_before_the_limit_is_sound_too(held):  # type: ignore[no-untyped-def]
+    limited, (run, _) = held
+    _, fed_back = feedback_of(limited.controller, run, limited.machine.command_limit)
+    assert not soundness(limited, [replace(run, u=run.f + fed_back)]).faults
+
+
+@pytest.mark.parametrize(
+    ("kind", "spoil"),
+    [
+        ("sign", lambda r: {"y": -r.y}),
+        ("unit", lambda r: {"u": 1000.0 * r.u}),
+        ("unit", lambda r: {"y": 0.001 * r.y}),
+        ("shift", lambda r: {"y": np.concatenate([np.full(7, r.y[0]), r.y[:-7]])}),
+    ],
+)
+def test_faults_are_named_at_the_limit_too(held, kind, spoil):  # type: ignore[no-untyped-def]
+    limited, (run, _) = held
+    assert [f.kind for f in soundness(limited, [_with(run, **spoil(run))]).faults] == [kind]
+
+
+def test_controller_states_are_told_by_what_is_below_the_limit(held):  # type: ignore[no-untyped-def]
+    """Of a recording that begins at it; what is forgotten before it leaves it counts for nothing."""
+    limited, (run, _) = held
+    limit = limited.machine.command_limit
+    run = run[int(np.argmax(np.abs(run.u) >= limit)) :]
+    _, fed_back = feedback_of(limited.controller, run, limit)
+    below = np.abs(run.u) < limit
+    assert np.sum(~below[:20]) > 10
+    assert np.abs(fed_back - run.u)[below].max() < 1e-6 * limit
+
+
+def test_a_limit_that_is_stated_is_not_found_as_missing(stage, held, record):  # type: ignore[no-untyped-def]
+    """What stands behind it is, and is told as large as it is."""
+    limited, runs = held
+    answer = diagnose(limited, runs[:1], runs[1:]).answer()
+    assert (answer["verdict"], answer["effects"]) == ("nothing_missing", [])
+    dead = EffectSpec("dead_zone", {"half_width": 0.05})
+    runs = record(replace(limited, effects=(dead,)))
+    answer = diagnose(limited, runs[:1], runs[1:]).answer()
+    assert answer["verdict"] == "explained"
+    (effect,) = answer["effects"]
+    assert effect["name"] == "dead_zone"
+    assert effect["parameters"]["half_width"]["value"] == pytest.approx(0.05, rel=0.02)

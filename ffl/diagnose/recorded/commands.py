@@ -1,0 +1,81 @@
+"""The command as the controller asks for it, and as the drive sends it on: held to a limit.
+
+A drive records what it sent. Where the plant file states the limit (`command_limit`), u is
+    u = max(-limit, min(limit, f + C_r r - C_y y)),
+the controller going on by its own output, which r and y tell at the limit too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.recordings import Recording
+from ffl.systems.loop import Controller
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+NEAR = 1e-4  # of a limit: a command so close to it, as printed, stands at it
+LONGEST = 10  # times the samples that tell the controller's states: where they are looked for
+
+
+def limit_of(plant: Plant) -> float | None:
+    """What the plant file states of the drive, where a controller knows nothing of it."""
+    return plant.machine.command_limit if plant.controller is not None else None
+
+
+def at_limit(u: Array, limit: float | None) -> Array:
+    """(N,) where the command stands at the limit; nowhere without one."""
+    return np.zeros(len(u), bool) if limit is None else np.abs(u) >= (1.0 - NEAR) * limit
+
+
+def reached(plant: Plant, recordings: Sequence[Recording]) -> float | None:
+    """The stated limit, if any of the recordings comes to it, or may have."""
+    limit = limit_of(plant)
+    unknown = any(not np.all(np.isfinite(r.u)) for r in recordings)
+    return limit if unknown or any(at_limit(r.u, limit).any() for r in recordings) else None
+
+
+def as_limited(plant: Plant, recording: Recording) -> Recording:
+    """The recording with u as the drive sent it, where what was recorded goes beyond the limit."""
+    limit = limit_of(plant)
+    if limit is None or not np.any(np.abs(recording.u) > limit):
+        return recording
+    return replace(recording, u=np.clip(recording.u, -limit, limit))
+
+
+def asked_for(plant: Plant, recording: Recording, fed_back: Array) -> Array | None:
+    """The command that the controller asks for, f + `fed_back`, at the limit; elsewhere as recorded. None
+    where the limit is never reached."""
+    at = at_limit(recording.u, limit_of(plant))
+    return np.where(at, recording.f + fed_back, recording.u) if at.any() else None
+
+
+def feedback_of(
+    controller: Controller, recording: Recording, limit: float | None = None
+) -> tuple[Array, Array]:
+    """(states at the start, u_fb) of the controller fed with the recorded r and y.
+
+    The states are those that explain u - f best over the first samples below the `limit`: exact where the
+    controller is the one that ran, since u_fb = C_r r - C_y y leaves nothing else free.
+    """
+    system = controller.state_space
+    inputs = np.column_stack([recording.r, recording.y])
+    forced = np.atleast_1d(system.filter(inputs))
+    n = system.order
+    if not n or not np.all(np.isfinite(recording.u)):
+        return np.zeros(n), forced
+    rows = min(len(recording), max(20 * n, 200))
+    below = np.flatnonzero(~at_limit(recording.u[: LONGEST * rows], limit))[:rows]
+    free = np.empty((len(below) and int(below[-1]) + 1, n))
+    state = np.eye(n)
+    for k in range(len(free)):
+        free[k] = system.c[0] @ state
+        state = system.a @ state
+    wanted = (recording.u - recording.f - forced)[below]
+    free = free[below]
+    scale = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+    states = np.linalg.lstsq(free / scale, wanted, rcond=1e-12)[0] / scale
+    return states, np.atleast_1d(system.filter(inputs, states))
