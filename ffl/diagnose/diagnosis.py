@@ -14,7 +14,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.heard import with_modes_heard
-from ffl.diagnose.noise.noise import GUESSED, SLOWEST, Noise, fit_noise
+from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.noise.plain import too_loud, weighed
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.loose_head import with_loose_head
@@ -57,6 +57,7 @@ SMOOTHS = (
 FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 GUESS = 1e-3  # of the command's size: force noise where none is stated
+SHAKES = 50.0  # times that guess: no machine that is shaken by more is diagnosed by its moves
 
 
 def diagnose(
@@ -273,7 +274,7 @@ def _loudest(model: Plant, prior: Noise) -> Noise:
     """White noise louder than any there can be. In a closed loop also where the plant file states none: a
     robot's joint with gravity and friction left out shook by 20 % of its command to all appearance, nothing
     was far from what noise would do, and no two effects were looked for at once."""
-    force = LOUDEST if model.machine.force_noise else GUESSED
+    force = LOUDEST if model.machine.force_noise else SHAKES
     return Noise(LOUDEST * prior.sensor, force * prior.force)
 
 

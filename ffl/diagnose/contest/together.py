@@ -276,6 +276,8 @@ def _left(
     if not free:
         return left, [np.ones(1) for _ in tables]
     table = np.hstack(free)
+    if not np.all(np.isfinite(table)):  # a shape on the way that no machine has
+        return screen.residual, [np.ones(t.shape[1]) for t in tables]
     size = np.maximum(lengths(table), 1e-300)
     r, aim = triangle(table / size, left)
     scaled = np.linalg.lstsq(r, aim, rcond=1e-7)[0] / size
