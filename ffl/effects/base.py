@@ -259,6 +259,10 @@ class Effect:
         else."""
         return True
 
+    def idle(self, values: Parameters) -> tuple[str, ...]:
+        """Parameters that do nothing in the form that `values` give the effect."""
+        return ()
+
     def order(self, values: Parameters) -> int:
         """-1: it acts before all others at its port, wherever it is named; 1: after them (a scale ends,
         however it bends)."""

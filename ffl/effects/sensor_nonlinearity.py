@@ -53,6 +53,9 @@ class SensorNonlinearity(Effect):
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         return [float(KINDS.index(values["kind"])), values["level"]]
 
+    def idle(self, values: Parameters) -> tuple[str, ...]:
+        return ("level",) if values["kind"] == "rectified" else ()
+
     def order(self, values: Parameters) -> int:
         return 1 if values["kind"] == "clipping" else 0
 

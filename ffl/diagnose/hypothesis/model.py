@@ -239,10 +239,11 @@ class Model:
                 continue
             effect = EFFECTS[spec.name]
             own = [parameter.name for parameter in effect.parameters]
+            fixed = (*HELD.get(spec.name, ()), *effect.idle(spec.parameters))
             for name in (*own, *(n for n in spec.parameters if n not in own)):
                 parameter = effect.parameter(name)
                 value = spec.parameters.get(name)
-                if isinstance(value, str) or value is None or name in HELD.get(spec.name, ()):
+                if isinstance(value, str) or value is None or name in fixed:
                     continue
                 if isinstance(value, Mapping):
                     # A knot at the end of what the machine travelled is hardly seen: free to go anywhere
