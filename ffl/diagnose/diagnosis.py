@@ -174,8 +174,10 @@ def _named(
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if seen.observed:
         scene = replace(scene, slowest=seen.slowest, observed=True)
-    elif model.machine.states_noise or model.controller is not None:
-        scene = replace(scene, loudest=_loudest(model, prior))
+    elif model.machine.states_noise:
+        scene = replace(scene, loudest=prior.scaled(LOUDEST))
+    elif model.controller is not None:
+        scene = replace(scene, guess=_loudest(model, prior))
     nominal = Model(base)
     residuals = scene.residuals(nominal)
     if residuals is None:
@@ -271,9 +273,7 @@ def _prior(model: Plant, base: Base, recordings: Sequence[Recording]) -> tuple[N
 
 
 def _loudest(model: Plant, prior: Noise) -> Noise:
-    """White noise louder than any there can be. In a closed loop also where the plant file states none: a
-    robot's joint with gravity and friction left out shook by 20 % of its command to all appearance, nothing
-    was far from what noise would do, and no two effects were looked for at once."""
+    """White noise louder than any there can be in a closed loop whose plant file does not state it."""
     force = LOUDEST if model.machine.force_noise else SHAKES
     return Noise(LOUDEST * prior.sensor, force * prior.force)
 

@@ -55,6 +55,7 @@ class Scene:
     worth: float = 1.0  # of a sample, in log-likelihood: less where what is left stays coloured
     plain: bool = False  # no filter of force noise describes what is left: taken as white at y
     loudest: Noise | None = None  # what white noise can be at most, where it is stated
+    guess: Noise | None = None  # the same where it is not: for a first look at sets of effects
     doubt: Doubt | None = None  # of recordings that judge: what the fitted ones left open
     slowest: float = SLOWEST  # Hz: lowest corner of coloured noise; what is slower is physics
     observed: bool = False  # an observer closes the loop: noise goes round it in no machine

@@ -42,6 +42,7 @@ from ffl.diagnose.contest.settle import (
     SUBSTITUTE,
     excluded,
     one_for_two,
+    plain_lags,
     settle,
 )
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
@@ -50,7 +51,6 @@ from ffl.diagnose.hypothesis.course import courses
 from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.friction_table import no_patch, refined
 from ffl.diagnose.hypothesis.harmonics import with_harmonics
-from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.unrest import louder_than_noise, unrest_of, with_unrest
 from ffl.diagnose.recorded.starts import with_starts
@@ -84,9 +84,11 @@ def contest(
     say = progress or (lambda line: None)
     if most is None:
         most = MOST_OF_STAGES if model.base.is_process else MOST
-    outcome = _climb(
-        scene, held, judge(scene, held, model), [], {}, frozenset(), threshold, most, say
-    )
+    standing, steps = judge(scene, held, model), []
+    if several := _beyond_any_noise(scene, held, standing, most, threshold, say):
+        standing, steps = several.accepted or standing, [several]
+        scene, held = replace(scene, trials=standing.scene.trials), standing.held
+    outcome = _climb(scene, held, standing, steps, {}, frozenset(), threshold, most, say)
     for name, rival in forks(outcome):
         if scene.work.done:
             break
@@ -236,6 +238,33 @@ def _climb(
         held = accepted.held
 
 
+def _beyond_any_noise(
+    scene: Scene,
+    held: Scene | None,
+    standing: Judged,
+    most: int,
+    threshold: float,
+    say: Callable[[str], None],
+) -> Step | None:
+    """Several effects that come in at once where no noise is stated, and so all that is left may pass for
+    it: they are looked for under the loudest noise there can be. (A robot's joint with gravity and friction
+    left out shook by 20 % of its command to all appearance; nothing was far from what noise would do.)"""
+    if scene.guess is None:
+        return None
+    capped = replace(scene, loudest=scene.guess, loop=standing.fit.loop)
+    quiet, held = _in_its_noise(capped, held, standing)
+    base = judge(quiet, held, standing.model, rounds=6)
+    if not base.fit.far:
+        return None
+    views = [View.of(s, excluded(base.model), FAINT / 2, True) for s in screens(quiet, base)]
+    found = starts(base, [(v.screen, v.allowed) for v in views], most)
+    several = together(quiet, held, base, found, threshold, say) if found else None
+    if several is None or several.fitted < base.fitted + threshold:
+        return None
+    several = replace(several, scene=replace(several.scene, loudest=None))
+    return Step(base, tuple(c for v in views for c in v.seen), (several,), several)
+
+
 def _in_its_noise(scene: Scene, held: Scene | None, standing: Judged) -> tuple[Scene, Scene | None]:
     """The fitted and the held-out recordings under the noise that `standing` leaves: white and no louder
     than what is left, for slow physics must not pass for slow noise."""
@@ -359,20 +388,3 @@ def _claimants(
 
 def _joined(quiet: Scene, held: Scene | None, first: Fit) -> Judged:
     return judge(quiet, held, first.model, 6, first)
-
-
-def plain_lags(
-    quiet: Scene, held: Scene | None, base: Judged, say: Callable[[str], None]
-) -> Judged:
-    """Two lags without their zero where, beside effects, they do as well: a linear model that was fitted
-    to a machine with the effect bends, and a zero is what two lags have to bend with."""
-    model = base.model
-    if not model.effects or WITHOUT_ZERO in model.corrections:
-        return base
-    if not has_zero(model.base.simulator.mechanics):
-        return base
-    corrections = {**model.corrections, WITHOUT_ZERO: 1.0}
-    plain = replace(model, corrections=corrections, held=model.held | {WITHOUT_ZERO})
-    other, base = levelled([judge(quiet, held, plain, 8), base])
-    say(f"  the lags without their zero: {other.score - base.score:+.1f}")
-    return other if other.score >= base.score else base

@@ -25,6 +25,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.friction_table import refined
 from ffl.diagnose.hypothesis.ladders import with_best_start
+from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, point_of
 from ffl.diagnose.screen.candidate import Candidate
@@ -364,3 +365,20 @@ def _plainest(spec: EffectSpec, like: Fit) -> list[Candidate]:
     options = {k: v for k, v in spec.options.items() if k in POINT}
     plain = EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level}, options)
     return [Candidate(plain, 0.0, 1, point_of(spec), like)]
+
+
+def plain_lags(
+    quiet: Scene, held: Scene | None, base: Judged, say: Callable[[str], None]
+) -> Judged:
+    """Two lags without their zero where, beside effects, they do as well: a linear model that was fitted
+    to a machine with the effect bends, and a zero is what two lags have to bend with."""
+    model = base.model
+    if not model.effects or WITHOUT_ZERO in model.corrections:
+        return base
+    if not has_zero(model.base.simulator.mechanics):
+        return base
+    corrections = {**model.corrections, WITHOUT_ZERO: 1.0}
+    plain = replace(model, corrections=corrections, held=model.held | {WITHOUT_ZERO})
+    other, base = levelled([judge(quiet, held, plain, 8), base])
+    say(f"  the lags without their zero: {other.score - base.score:+.1f}")
+    return other if other.score >= base.score else base
