@@ -173,3 +173,12 @@ def test_what_a_plant_file_states_stands_wherever_it_would_be_looked_for(stated)
     again = model.at(model.theta)
     for name, value in stated.parameters.items():
         assert again.stated[0].parameters[name] == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(("kind", "free"), [("clipping", ["level"]), ("rectified", [])])
+def test_what_does_nothing_in_a_form_is_no_number_of_it(stage, kind, free):
+    """A sensor blind to the sign has no level: found by 7,200 of log-likelihood it was not told, "of no
+    size" (20261215/0016)."""
+    spec = EffectSpec("sensor_nonlinearity", {"kind": kind, "level": 0.01})
+    model = Model(Base.of(stage)).with_effect(spec)
+    assert [c.name for c in model.coordinates if c.kind == "effect"] == free
