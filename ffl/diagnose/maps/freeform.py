@@ -25,7 +25,7 @@ from ffl.diagnose.maps.freemodel import (
     Running,
 )
 from ffl.diagnose.maps.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
-from ffl.diagnose.maps.freestep import ROUNDS, STILL, stepped
+from ffl.diagnose.maps.freestep import ROUNDS, STILL, last_gain, stepped
 from ffl.diagnose.noise.colour import colouring
 from ffl.diagnose.noise.imitate import TRUST
 from ffl.diagnose.noise.noise import Noise, fit_noise
@@ -36,7 +36,7 @@ from ffl.systems.state_space import Array
 
 LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
 TRIED = 6  # maps of the screen that are simulated
-FINISHED = 2  # of them, fitted to convergence
+FINISHED = 3  # of them, fitted to convergence
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
 RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
 HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
@@ -242,7 +242,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     def finished(f: FreeForm) -> FreeForm:
         screen = FreeScreen(f.scene, f.free)
         f = _fitted(screen, f.free, held, f.evidence, np.inf, ROUNDS) or f
-        return _started(_settled(screen, f))
+        return _weighed(_started(_settled(screen, f)), current)
 
     worth = [e for some in found for e in some[:TRIED] if e.evidence.gain >= least_worth(some)]
     tried = [f for f in each(tried_out, worth) if f is not None]
@@ -283,6 +283,20 @@ def _alike(f: FreeForm, best: FreeForm) -> bool:
         return False
     ahead = held_gain(f.held_white, best.held_white, f.known & best.known)
     return 0.5 * (f.cost - best.cost) < WORTH and ahead < HELD_WORTH
+
+
+def _weighed(f: FreeForm, before: FreeForm) -> FreeForm:
+    """`f` with the evidence of its last map along the motion that all of them make: to first order
+    beside the loop without it, what enters at the sensor is told short."""
+    screen = FreeScreen(f.scene, f.free)
+    return replace(f, evidence=before.evidence + min(last_gain(screen, f.free), _took(f, before)))
+
+
+def _took(f: FreeForm, before: FreeForm) -> float:
+    """Log-likelihood that the maps of `f` bring over those of `before`, under the noise of the latter."""
+    left = before.scene.like(f.scene).residuals(before.free)
+    whole = before.cost if left is None else float(np.sum(f.scene.whiten(left) ** 2))
+    return 0.5 * (whole - f.cost)
 
 
 def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:

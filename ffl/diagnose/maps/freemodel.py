@@ -17,7 +17,13 @@ from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.hypothesis.triangle import triangle
 from ffl.diagnose.maps.mapped import Mapped
 from ffl.diagnose.maps.terms import Ranges, Term
-from ffl.diagnose.recorded.trials import Trial, behind_sensor, start_of
+from ffl.diagnose.recorded.trials import (
+    Trial,
+    behind_sensor,
+    shown_in,
+    start_behind,
+    start_of,
+)
 from ffl.diagnose.screen.screen import Screen
 from ffl.effects import EFFECTS, Motion
 from ffl.errors import InputError
@@ -172,10 +178,14 @@ class FreeModel:
 
     def _start(self, trial: Trial) -> Array:
         """The state at the first sample: a loop at rest has brought what a sensor shows to the
-        reference, maps at the sensor included."""
+        reference, maps at the sensor included; in motion they are part of what was read."""
         simulator = self.model.base.simulator
         start = start_of(simulator, self.model.acting, trial)
         shown = [p for p in self.parts if p.place.port == "output"]
+        if trial.started and shown:
+            head = trial.head(shown_in(simulator, len(trial)))
+            motion = self.model.simulate(head, [side_of(shown[0].place)]).motion("sensor", None)
+            return start + start_behind(simulator, sum(p.signal(motion) for p in shown))
         if not trial.at_rest or not shown or simulator.plant.controller is None:
             return start
 

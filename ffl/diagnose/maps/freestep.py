@@ -96,6 +96,18 @@ def traces(
     return tables_of(screen, entries, [p.ranges for p in free.parts], motions)
 
 
+def last_gain(screen: FreeScreen, free: FreeModel) -> float:
+    """Log-evidence of the last map of `free` along the motion that all of them make; -inf where that
+    leaves all bounds."""
+    now = run_of(screen.scene, free)
+    if now is None:
+        return -np.inf
+    own = [screen.beyond(t) for t in traces(screen, free, now.motions)][-1]
+    last = free.parts[-1]
+    target = screen.beyond(now.white + screen.from_nominal(free.model)) + own @ last.coefficients
+    return evidence(last.term, last.ranges, own, target).gain
+
+
 def _maps(
     screen: FreeScreen, free: FreeModel, whole: Array, tables: Sequence[Array], early: bool
 ) -> tuple[Part, ...]:

@@ -55,6 +55,38 @@ def _at(p, values, n, z):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
+def _smooth(p, first, values, n, z):  # type: ignore[no-untyped-def]
+    """g(z) of the map over the n even knots that begin at p[first], with its values from p[values]: of
+    third order between four of them, a parabola as it is, and straight beyond. A sensor shows every
+    kink of its scale."""
+    last = first + n - 1
+    width = max((p[last] - p[first]) / (n - 1), 1e-300)
+    reach = BEYOND * (p[last] - p[first])
+    at = (min(max(z, p[first] - reach), p[last] + reach) - p[first]) / width
+    low = min(max(int(np.floor(at)), 0), n - 2)
+    t = min(max(at - low, 0.0), 1.0)
+    k = values + low
+    one, two = p[k], p[k + 1]
+    before = p[k - 1] if low > 0 else 3.0 * one - 3.0 * two + p[k + 2]
+    after = p[k + 2] if low < n - 2 else 3.0 * two - 3.0 * one + p[k - 1]
+    rise, fall = 0.5 * (two - before), 0.5 * (after - one)  # slopes at both ends, times the width
+    bend, twist = 3.0 * (two - one) - 2.0 * rise - fall, rise + fall - 2.0 * (two - one)
+    beyond = at - low - t
+    return one + t * (rise + t * (bend + t * twist)) + beyond * (rise if beyond < 0.0 else fall)
+
+
+@njit(error_model="numpy")
+def smoothed(grid, values, z):  # type: ignore[no-untyped-def]
+    """(N, k): maps of `values` (n, k) over an even `grid` (n,), at every z (N,), as the kernel has them."""
+    n, out = len(grid), np.empty((len(z), values.shape[1]))
+    for column in range(values.shape[1]):
+        p = np.concatenate((grid, values[:, column]))
+        for row in range(len(z)):
+            out[row, column] = _smooth(p, 0, n, n, z[row])
+    return out
+
+
+@njit(error_model="numpy")
 def _force(p, x, v, a):  # type: ignore[no-untyped-def]
     """(F, dF/dx, dF/dv, dF/da) at a motion."""
     kind, n = int(p[0]), int(p[3])
@@ -127,9 +159,11 @@ def _command_law(p, s, io):  # type: ignore[no-untyped-def]
 
 
 def _output_law(p, s, io):  # type: ignore[no-untyped-def]
-    n = int(p[3])
-    at = io[X0] if int(p[0]) == SHOWN_POSITION else io[V0]
-    io[MEAN] += _at(p, HEAD + n, n, at)[0]
+    n, last = int(p[3]), HEAD + int(p[3])
+    if int(p[0]) == SHOWN_POSITION:
+        io[MEAN] += _smooth(p, HEAD, last, n, io[X0])
+    else:
+        io[MEAN] += _at(p, last, n, io[V0])[0]
 
 
 LAWS = {"force": _force_law, "command": _command_law, "output": _output_law}

@@ -25,6 +25,7 @@ from ffl.diagnose.maps.mapped import (
     INERTIA,
     SHOWN_POSITION,
     SHOWN_VELOCITY,
+    smoothed,
 )
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
@@ -197,6 +198,16 @@ def _inertia(m: Motion, ranges: Ranges) -> Array:
     return hats * m.a[:, None] + 0.5 * slope * m.v[:, None] ** 2
 
 
+def _scale_along(m: Motion, grid: Array, values: Array) -> Array:
+    return smoothed(grid, values[:, None], m.x)[:, 0]
+
+
+def _scale(m: Motion, ranges: Ranges) -> Array:
+    """What a sensor's scale adds by position."""
+    grid = _positions(ranges)
+    return smoothed(grid, np.eye(len(grid)), m.x)
+
+
 def memories(ranges: Ranges) -> Array:
     """Time constants of a history, s."""
     step, duration = ranges["step"]
@@ -355,9 +366,9 @@ TERMS: tuple[Term, ...] = (
         "|command| and speed", _limited, None, side="sent",
     ),
     _of_history("command by its heat", "command", HEAT, "command", "heat", _hot_gain),
-    _gridded(
-        "position at the sensor", "output", POSITION, "", _one,
-        "position", _positions, SHOWN_POSITION,
+    Term(
+        "position at the sensor", "output", POSITION, "", "position",
+        _scale, _positions, along_grid=_scale_along, kind=SHOWN_POSITION,
     ),
     _gridded(
         "velocity at the sensor", "output", VELOCITY, "", _one,

@@ -14,9 +14,11 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.linear import discrete
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.recorded.trials import shown_in, start_behind
 from ffl.systems.state_space import Array, StateSpace
 
 TAIL = 1e-7  # energy of an impulse response that may be cut off
+STANDING = 1e-14  # of what a sensor adds: a loop takes all of what stays out again
 
 
 class Passage:
@@ -26,6 +28,7 @@ class Passage:
         self.scene, self.model = scene, model
         self._impulses: dict[Place, list[Array]] = {}
         self._spectra: dict[Place, list[tuple[int, Array]]] = {}
+        self._starts: dict[int, Array] = {}
 
     def of(self, scene: Scene) -> Passage:
         """The same for a scene of the same noise and loop, whose recordings began otherwise."""
@@ -37,8 +40,9 @@ class Passage:
         self, place: Place, columns: Sequence[Array], passed: Sequence[Array] | None = None
     ) -> Array:
         """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of a sensor in a
-        loop at rest what changes since: the loop has brought the rest to the reference. `passed` (N_i,):
-        what the sensor shows of a small change; all of it where there is none."""
+        loop at rest what changes since: the loop has brought the rest to the reference; in motion the
+        plant begins where the sensor shows what it showed. `passed` (N_i,): what the sensor shows of a
+        small change; all of it where there is none."""
         out = []
         settled = place.port == "output" and self.scene.loop.controller is not None
         for k, (x, trial) in enumerate(zip(columns, self.scene.trials, strict=True)):
@@ -49,8 +53,29 @@ class Passage:
             else:
                 seen = passed[k][:, None] * self._moved(place, x)
                 y = self.scene.whiteners[k].steady(seen)
+            if place.port == "output" and trial.started:
+                y = y + self._begun(k) @ self._behind(x)
             out.append(trial.weighed(y))
         return np.concatenate(out)
+
+    def _behind(self, x: Array) -> Array:
+        """Where the plant begins for a sensor that adds the signals x (N, k): its states, (n, k)."""
+        simulator = self.model.simulator
+        rows = shown_in(simulator, len(x))
+        return start_behind(simulator, x[:rows])[: self._plant_states]
+
+    @property
+    def _plant_states(self) -> int:
+        return self.model.simulator.n_plant + self.model.simulator.mechanics.delay
+
+    def _begun(self, index: int) -> Array:
+        """Whitened y, (N, n), of the loop that begins with one in each of the plant's states."""
+        if index not in self._starts:
+            simulator, still = self.model.simulator, np.zeros(len(self.scene.trials[index]))
+            units = np.eye(self._plant_states, simulator.n_states)
+            y = [simulator.run((), still, start=unit).y for unit in units]
+            self._starts[index] = self.scene.whiteners[index].steady(np.column_stack(y))
+        return self._starts[index]
 
     def _moved(self, place: Place, x: Array) -> Array:
         """What signals x (N, k) at `place` do to y before its sensor."""
@@ -71,7 +96,8 @@ class Passage:
                 if key not in done:
                     h = whitener.steady(response)
                     energy = np.cumsum(h[::-1] ** 2)[::-1]
-                    keep = int(np.searchsorted(-energy, -TAIL * energy[0])) + 1
+                    tail = STANDING if place.port == "output" else TAIL
+                    keep = int(np.searchsorted(-energy, -tail * energy[0])) + 1
                     done[key] = h[:keep]
                 out.append(done[key])
             self._impulses[place] = out

@@ -59,6 +59,11 @@ class Trial:
         return len(self.y)
 
     @property
+    def started(self) -> bool:
+        """Begun in motion, in a state that was read from its first samples."""
+        return not self.at_rest and bool(np.any(np.diag(self.doubt) > 0))
+
+    @property
     def drive(self) -> tuple[object, ...]:
         """What a simulation takes of it, signals and states by identity: the same for trials that differ
         in what their samples count for."""
@@ -166,26 +171,57 @@ def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple
     Least squares on the plant's free response and on that to a constant force beside u of up to half
     its size: the friction or load that the model lacks would else be taken for motion at the start.
     """
-    system = discrete(simulator.mechanics)
-    n = system.order
-    rows = min(len(y), max(10 * n, 60))
-    free = np.empty((rows, n + 1))
-    state = np.eye(n)
-    for k in range(rows):
-        free[k, :n] = system.c[0] @ state
-        state = system.a @ state
-    free[:, n] = system.filter(np.ones(rows))
-    wanted = y[:rows] - np.atleast_1d(system.filter(u[:rows])) - _beside(simulator, u[:rows])
+    n, rows = discrete(simulator.mechanics).order, shown_in(simulator, len(y))
+    free = _free(simulator, rows)
+    wanted = y[:rows] - np.atleast_1d(discrete(simulator.mechanics).filter(u[:rows]))
+    wanted = wanted - _beside(simulator, u[:rows])
     prior = np.zeros(n + 1)
     prior[n] = noise / max(0.5 * float(np.sqrt(np.mean(u**2))), 1e-300)
     table, wanted = np.vstack([free, prior]), np.append(wanted, 0.0)
+    reader, spread = _reader(table)
+    estimate = reader @ wanted
+    level = max(noise, float(np.std(wanted - table @ estimate)))
+    return estimate[:n], (spread @ spread.T * level**2)[:n, :n]
+
+
+def shown_in(simulator: Simulator, most: int) -> int:
+    """First samples in which the state of a plant that begins in motion is read, `most` at most."""
+    return min(most, max(10 * discrete(simulator.mechanics).order, 60))
+
+
+def start_behind(simulator: Simulator, added: Array) -> Array:
+    """What the start that was read from y changes by, (n_states,) or (n_states, k), where y holds what
+    a sensor has `added` to its first samples, (rows,) or (rows, k), as well: minus what `plant_start`
+    reads from that alone."""
+    n = discrete(simulator.mechanics).order
+    reader, _ = _reader(_free(simulator, len(added)))
+    out = np.zeros((simulator.n_states, *added.shape[1:]))
+    out[_ordering(simulator)] = -(reader @ added)[:n]
+    return out
+
+
+def _free(simulator: Simulator, rows: int) -> Array:
+    """y of the plant that is left alone from each of its states, and from rest under a constant force,
+    (rows, n + 1)."""
+    system = discrete(simulator.mechanics)
+    n = system.order
+    out = np.empty((rows, n + 1))
+    state = np.eye(n)
+    for k in range(rows):
+        out[k, :n] = system.c[0] @ state
+        state = system.a @ state
+    out[:, n] = system.filter(np.ones(rows))
+    return out
+
+
+def _reader(table: Array) -> tuple[Array, Array]:
+    """The pseudo-inverse of `table`, directions that it hardly shows left out, and a root of the
+    covariance of what it reads from samples of unit noise."""
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     left, values, right = np.linalg.svd(table / scale, full_matrices=False)
     kept = values > 1e-7 * values[0]
-    estimate = right[kept].T @ ((left[:, kept].T @ wanted) / values[kept]) / scale
     spread = (right[kept].T / values[kept]) / scale[:, None]
-    level = max(noise, float(np.std(wanted - table @ estimate)))
-    return estimate[:n], (spread @ spread.T * level**2)[:n, :n]
+    return spread @ left[:, kept].T, spread
 
 
 def _beside(simulator: Simulator, u: Array) -> Array | float:
