@@ -31,7 +31,7 @@ TEACHERS = (1, 3, 5, 8)  # linear trials that calibrate: far apart on the way to
 KEPT_PROMISE = 1.5  # times the promise: a trial above it calibrates the model once more
 CALIBRATIONS = 4
 SETTLED = 7  # last trials whose median is "after": about detents noise changes it by a half
-REPEATS = 12  # runs of each of them that tell the machine's norm from one draw of its noise
+COURSES = 12  # of learning on from the plan, each with its own noise: one alone says little
 
 Found = Callable[[Plant, Sequence[Recording], Sequence[Recording]], Plant]
 
@@ -81,12 +81,12 @@ class Story:
 
     @property
     def promise_gap(self) -> float:
-        """Machine's error norm over the promised one, less 1: medians of the repeated runs."""
+        """Machine's error norm over the promised one, less 1: medians over all courses."""
         return float(np.median(self.again) / np.median(self.promised_again)) - 1.0
 
     @property
     def promise_doubt(self) -> float:
-        """Standard error of `promise_gap`, trials and repetitions drawn with replacement."""
+        """Standard error of `promise_gap`, courses drawn with replacement."""
         rng = np.random.default_rng(0)
         ratios = [
             np.median(_drawn(self.again, rng)) / np.median(_drawn(self.promised_again, rng))
@@ -96,9 +96,8 @@ class Story:
 
 
 def _drawn(table: Array, rng: np.random.Generator) -> Array:
-    """Rows and what stands in them, with replacement."""
-    rows = table[rng.integers(len(table), size=len(table))]
-    return np.array([rng.choice(row, len(row)) for row in rows])
+    """Rows with replacement."""
+    return table[rng.integers(len(table), size=len(table))]
 
 
 def last(norms: Sequence[float], count: int = 3) -> float:
@@ -163,8 +162,8 @@ def story(
         tuple(norm for _, norm in promised),
         float(np.linalg.norm(second - machine.run(second, carried, _rng(noise, 1)).y)),
         float(np.linalg.norm(second - imagined.run(second, carried, _rng(noise, 2)).y)),
-        _again(learned.update, learned.trials, machine, noise, 2**18),
-        _again(learned.update, promised, imagined, noise, 2**19),
+        _again(learned, machine, after, noise, 2**18),
+        _again(learned, imagined, after, noise, 2**19),
     )
 
 
@@ -285,16 +284,11 @@ def _trials(
 
 
 def _again(
-    update: AlongTrajectory,
-    trials: Sequence[tuple[Array, float]],
-    machine: SimulatedMachine,
-    noise: SeedSequence,
-    key: int,
+    learned: _Learned, machine: SimulatedMachine, count: int, noise: SeedSequence, key: int
 ) -> Array:
-    """Error norms (SETTLED, REPEATS) of the last feedforwards, each run with other noise."""
-    return np.array(
-        [
-            [_run(update, theta, machine, noise, key + REPEATS * j + k)[1] for k in range(REPEATS)]
-            for j, (theta, _) in enumerate(trials[-SETTLED:])
-        ]
-    )
+    """Error norms (COURSES, SETTLED) of the last of `count` trials from the plan on."""
+    courses = [
+        _trials(learned.update, learned.first, machine, count, noise, key + count * k)
+        for k in range(COURSES)
+    ]
+    return np.array([[norm for _, norm in course[-SETTLED:]] for course in courses])
