@@ -54,7 +54,10 @@ SMOOTHS = (
     "noise decides when this machine sticks and slips, which a free run knows nothing of: dry friction was "
     "named by prediction from sample to sample"
 )
-FOLD = 0.5  # of the held-out squared error: what a sign-blind sensor must leave at most
+FOLD = 0.5  # of the squared error: what a sign-blind sensor must leave at most
+ANEW = (
+    0.9  # of what it leaves before the linear part as stated, from which one learned anew is taken
+)
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 GUESS = 1e-3  # of the command's size: force noise where none is stated
 SHAKES = 50.0  # times that guess: no machine that is shaken by more is diagnosed by its moves
@@ -186,12 +189,13 @@ def _named(
     held = replace(scene, trials=judging)
     stands = clipping(model, everything)
     told = nominal if stands is None else nominal.with_proven(stands)
-    if looks_folded(model, recordings) and (other := unfolded(model, short)):
-        say("the output turns back at zero: the linear part is learned through a sign-blind sensor")
-        folded, folded_held = folded_scenes(other, scene, short, short_held)
-        anew = Model(Base.of(other, base.travel, base.until)).with_proven(RECTIFIED)
-        if raw_error(folded_held, anew) < FOLD * raw_error(held, nominal):
-            scene, held, told = weighed(folded, anew), folded_held, anew
+    folds = _through_folds(nominal, scene, held, recordings, (short, short_held))
+    if folds is not None:
+        told, scene, held = folds
+        if told.base is base:
+            say("the output turns back at zero: the sensor is blind to the sign")
+        else:
+            say("the output turns back at zero: the linear part is learned through its folds")
             notes.append(
                 "linear part identified anew, from |y|: the model's own was fitted to folds"
             )
@@ -232,6 +236,33 @@ def _named(
     if told.base is not base:
         nominal = told.without(0)
     return conclude(stated, nominal, before, held, standing, outcome, health, notes, rng)
+
+
+def _through_folds(
+    nominal: Model,
+    scene: Scene,
+    held: Scene,
+    recordings: Sequence[Recording],
+    short: tuple[Sequence[Recording], Sequence[Recording]],
+) -> tuple[Model, Scene, Scene] | None:
+    """Model and scenes before a sensor that is blind to the sign, where recordings look folded and are:
+    the linear part as it is stated, or learned anew where that was fitted to folds."""  # fmt: skip
+    base = nominal.base
+    if not looks_folded(base.plant, recordings):
+        return None
+    straight = raw_error(scene, nominal), raw_error(held, nominal)
+    ways = []
+    for plant in (base.plant, unfolded(base.plant, short[0])):
+        if plant is not None:
+            own = base if plant is base.plant else Base.of(plant, base.travel, base.until)
+            model = Model(own).with_proven(RECTIFIED)
+            first, second = folded_scenes(plant, scene, *short)
+            left = raw_error(first, model), raw_error(second, model)
+            shares = [a / max(b, 1e-300) for a, b in zip(left, straight, strict=True)]
+            if min(shares) < FOLD and max(shares) < 1.0:  # what keeps to one side shows no folds
+                ways.append((sum(left), (model, weighed(first, model), second)))
+    least = min((error for error, _ in ways), default=0.0)
+    return next((way for error, way in ways if ANEW * error <= least), None)
 
 
 def _require_command(recordings: Sequence[Recording]) -> None:
