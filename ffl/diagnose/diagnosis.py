@@ -55,9 +55,8 @@ SMOOTHS = (
     "named by prediction from sample to sample"
 )
 FOLD = 0.5  # of the squared error: what a sign-blind sensor must leave at most
-ANEW = (
-    0.9  # of what it leaves before the linear part as stated, from which one learned anew is taken
-)
+NO_WORSE = 1.1  # times it, where the recordings that are fitted, or that judge, show no folds
+ANEW = 0.9  # of what it leaves before the stated linear part: then that is learned anew
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 GUESS = 1e-3  # of the command's size: force noise where none is stated
 SHAKES = 50.0  # times that guess: no machine that is shaken by more is diagnosed by its moves
@@ -259,7 +258,7 @@ def _through_folds(
             first, second = folded_scenes(plant, scene, *short)
             left = raw_error(first, model), raw_error(second, model)
             shares = [a / max(b, 1e-300) for a, b in zip(left, straight, strict=True)]
-            if min(shares) < FOLD and max(shares) < 1.0:  # what keeps to one side shows no folds
+            if min(shares) < FOLD and max(shares) < NO_WORSE:
                 ways.append((sum(left), (model, weighed(first, model), second)))
     least = min((error for error, _ in ways), default=0.0)
     return next((way for error, way in ways if ANEW * error <= least), None)

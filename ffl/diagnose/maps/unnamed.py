@@ -32,7 +32,9 @@ from ffl.systems.state_space import Array
 
 LATE = frozenset({"input_delay", "actuator_lag"})  # what commands that did not arrive pass for
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
-SURE = 40.0  # of the fitted recordings, where the held-out ones lean that way (true names: at most 12)
+SURE = (
+    40.0  # of the fitted recordings, where the held-out ones lean that way (true names: at most 12)
+)
 QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
 FAR = (
@@ -146,7 +148,9 @@ def compare(
     if alone and min(gains) > -MARGIN and _drawn(standing):
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
     winning = alone is not None and gains[0] > MARGIN and gains[1] > HELD_WORTH
-    if gains[0] > SURE and gains[1] > 0.0:  # hardly shown where it is judged, and not spoken against
+    if (
+        gains[0] > SURE and gains[1] > 0.0
+    ):  # hardly shown where it is judged, and not spoken against
         winning = alone is not None
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never

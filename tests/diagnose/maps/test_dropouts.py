@@ -12,7 +12,7 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.maps import dropouts as dropout_search
 from ffl.diagnose.maps.dropouts import RATES, Search, _searched, dropouts, expected
-from ffl.diagnose.maps.unnamed import _lost
+from ffl.diagnose.maps.unnamed import _lost, _of_delay
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec
@@ -82,6 +82,15 @@ def test_nothing_else_is_taken_for_lost_commands(stage, references, what, scenes
     found = dropouts(scene, held, model)
     standing = replace(model, effects=effects)
     assert found is None or min(found.gains(scene, held, standing)) < 0
+
+
+def test_a_delay_that_stands_is_charged_for_what_it_brings(stage, references, scenes):  # type: ignore[no-untyped-def]
+    late = (EffectSpec("input_delay", {"delay": 5e-4}),)
+    nothing = np.zeros(len(references[0]), bool)
+    scene, _, model = scenes([recorded(stage, references[0], nothing, 1, late)])
+    standing = replace(model, effects=late)
+    assert _of_delay(scene, standing) > 100.0
+    assert _of_delay(scene, model) == 0.0
 
 
 def test_a_bus_that_loses_commands_is_unnamed(stage, losing):  # type: ignore[no-untyped-def]

@@ -99,6 +99,27 @@ def test_friction_takes_its_place_where_it_foretells_and_nowhere_else(seen, effe
     assert rivals == {*FORMS, "nothing"}
 
 
+def test_friction_that_needs_more_than_the_stated_noise_is_believed_where_that_tells_it_too(
+    seen, monkeypatch
+):
+    """Of the noises that which suits it best may be louder than the plant file has it."""
+    scene, held, model = seen(SKEWED)
+    bare = judge(scene, held, model)
+    before = Outcome(bare, [], held, {})
+    real, tried = dry_in_noise._louder, []
+
+    def louder(noise, stated):  # type: ignore[no-untyped-def]
+        tried.append(real(noise, stated))
+        return 2.0 if len(tried) == 1 else tried[-1]
+
+    monkeypatch.setattr(dry_in_noise, "_louder", louder)
+    found = with_dry_friction(scene, held, before, model, scene.noise).standing
+    assert len(tried) == 2
+    assert found.model.names == ("asymmetric_friction",)
+    monkeypatch.setattr(dry_in_noise, "_louder", lambda *_: 2.0)
+    assert with_dry_friction(scene, held, before, model, scene.noise) is before
+
+
 def test_company_that_the_filter_does_not_know_stays(seen):
     scene, held, model = seen(SKEWED)
     wave = EffectSpec("cogging", {"amplitude": 0.1, "period": 4e-3})

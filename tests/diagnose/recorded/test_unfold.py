@@ -1,11 +1,14 @@
-"""Recordings of a sensor that is blind to the sign: starts in motion, and what a screen sees through it."""
+"""Recordings of a sensor that is blind to the sign: starts in motion, what a screen sees through it, and
+force noise that hides its folds."""
 
 import numpy as np
 
+from ffl.diagnose.diagnosis import _through_folds
 from ffl.diagnose.hypothesis.fit import Scene, fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.starts import with_starts
+from ffl.diagnose.recorded.trials import prepare
 from ffl.diagnose.recorded.unfold import RECTIFIED, folded_trial
 from ffl.diagnose.screen.screen import Screen
 from ffl.machines import Simulator
@@ -72,3 +75,27 @@ def test_the_screen_sees_a_small_lag_through_a_sensor_blind_to_the_sign():
     screen = Screen(scene, fit(scene, Model(base, effects=(RECTIFIED,)), rounds=0))
     (found,) = screen.candidates(["actuator_lag"])
     assert found.gain > 0.8 * float(screen.residual @ screen.residual)
+
+
+def test_folds_are_told_through_force_noise_and_where_what_judges_keeps_to_one_side(on_a_spring):
+    """The noise moves the machine half as much as the command does; the held-out command pushes one way."""
+    plant = on_a_spring(2.0, 25.0, 0.05, 1e-3, "N", sensor_noise=1e-8, force_noise=1.0)
+    base, rng = Base.of(plant), np.random.default_rng(4)
+    t = 1e-3 * np.arange(4000)
+    waves = sum(np.sin(2 * np.pi * f * t + f) for f in (3.0, 7.0, 11.0, 17.0, 23.0)) / 2.0
+    scenes, recordings = [], []
+    for u in (waves, 2.5 + np.sin(2 * np.pi * 2.0 * t)):
+        noise = np.std(waves) * 1.5 * rng.standard_normal(len(u))
+        y = np.abs(Simulator(plant).run((), feedforward=u, force=noise).y)
+        recordings.append(Recording(t, np.zeros(len(u)), u, u, y, sample_time=1e-3))
+        trial = prepare(base.simulator, recordings[-1], 1e-8)
+        scenes.append(Scene(plant.loop, (trial,), Noise(1e-8, 1.0)))
+    short = recordings[:1], recordings[1:]
+    found = _through_folds(Model(base), *scenes, short[0], short)
+    assert found is not None
+    assert found[0].names == ("sensor_nonlinearity",)
+    assert found[0].base is base  # the linear part was right as stated
+    straight = [
+        Recording(t, r.r, r.f, r.u, np.sign(r.u) * r.y, sample_time=1e-3) for r in recordings
+    ]
+    assert _through_folds(Model(base), *scenes, straight[:1], (straight[:1], straight[1:])) is None
