@@ -12,11 +12,10 @@ from ffl.effects.bristle import set_bristle
 from ffl.effects.modal import is_speed
 from ffl.effects.paths import bouc_wen
 from ffl.effects.slip import ELEMENTS, set_slip
-from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("lugre", "maxwell_slip")
-RIGID = 1e-6  # of the travel: a contact that yields less before it slides is dry friction
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
@@ -67,9 +66,6 @@ class PreslidingFriction(Effect):
         if packed[3]:
             return [*slip.carried(travel, displacement), state[-1]]
         return [bristle.carried(travel, displacement), *state[1:]]
-
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
-        return spec.parameters["level"] > RIGID * travel * spec.parameters["stiffness"]
 
     def forms(self, flexible: bool) -> list[dict[str, Any]]:
         """That of machines; whether the other does better is asked once this one stands."""

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from ffl.diagnose.recorded.trials import behind_sensor
+from ffl.diagnose.recorded.first_state import behind_sensor
 from ffl.effects import EFFECTS
 from ffl.machines import Simulator
 from ffl.systems.loop import Controller

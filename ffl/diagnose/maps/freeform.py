@@ -17,13 +17,7 @@ from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.maps.freemodel import (
-    SENT,
-    FreeModel,
-    FreeScreen,
-    Part,
-    Running,
-)
+from ffl.diagnose.maps.freemodel import SENT, FreeModel, FreeScreen, Part, Running
 from ffl.diagnose.maps.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
 from ffl.diagnose.maps.freestep import ROUNDS, STILL, last_gain, stepped
 from ffl.diagnose.noise.colour import colouring
@@ -286,17 +280,12 @@ def _alike(f: FreeForm, best: FreeForm) -> bool:
 
 
 def _weighed(f: FreeForm, before: FreeForm) -> FreeForm:
-    """`f` with the evidence of its last map along the motion that all of them make: to first order
-    beside the loop without it, what enters at the sensor is told short."""
-    screen = FreeScreen(f.scene, f.free)
-    return replace(f, evidence=before.evidence + min(last_gain(screen, f.free), _took(f, before)))
-
-
-def _took(f: FreeForm, before: FreeForm) -> float:
-    """Log-likelihood that the maps of `f` bring over those of `before`, under the noise of the latter."""
+    """`f` with the evidence of its last map along the motion that all of them make, no more than they take
+    off: to first order beside the loop without it, what enters at the sensor is told short."""
     left = before.scene.like(f.scene).residuals(before.free)
     whole = before.cost if left is None else float(np.sum(f.scene.whiten(left) ** 2))
-    return 0.5 * (whole - f.cost)
+    gain = last_gain(FreeScreen(f.scene, f.free), f.free)
+    return replace(f, evidence=before.evidence + min(gain, 0.5 * (whole - f.cost)))
 
 
 def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:

@@ -17,13 +17,8 @@ from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.hypothesis.triangle import triangle
 from ffl.diagnose.maps.mapped import Mapped
 from ffl.diagnose.maps.terms import Ranges, Term
-from ffl.diagnose.recorded.trials import (
-    Trial,
-    behind_sensor,
-    shown_in,
-    start_behind,
-    start_of,
-)
+from ffl.diagnose.recorded.first_state import behind_sensor, shown_in, start_behind
+from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.diagnose.screen.screen import Screen
 from ffl.effects import EFFECTS, Motion
 from ffl.errors import InputError

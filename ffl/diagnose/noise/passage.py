@@ -14,7 +14,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.linear import discrete
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place
-from ffl.diagnose.recorded.trials import shown_in, start_behind
+from ffl.diagnose.recorded.first_state import shown_in, start_behind
 from ffl.systems.state_space import Array, StateSpace
 
 TAIL = 1e-7  # energy of an impulse response that may be cut off

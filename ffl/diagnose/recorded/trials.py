@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.hypothesis.linear import carried, discrete
+from ffl.diagnose.hypothesis.linear import carried
 from ffl.diagnose.recorded.commands import as_limited, asked_for, feedback_of, limit_of
+from ffl.diagnose.recorded.first_state import behind_sensor, in_motion_from
 from ffl.diagnose.recorded.resting import springs_back, winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
@@ -22,8 +23,6 @@ SPAN = 0.01  # s over which speed is read from y
 HOLD = 1000  # most samples over which the place of a machine at rest is read
 TURN = 1e-3  # of the range of y: a way back that is a turning point
 MOVING = 0.1  # of the largest speed: in motion at the first sample
-NUDGE = 1e-6  # of a position: how far one looks for how steep its sensor is there
-SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
 
 
 @dataclass(frozen=True)
@@ -165,74 +164,6 @@ def commanded(plant: Plant, recording: Recording) -> Recording:
     return as_limited(plant, recording.with_command(feedback_of(plant.controller, recording)[1]))
 
 
-def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple[Array, Array]:
-    """(state, covariance) of the plant at the first sample from a short piece of u and y.
-
-    Least squares on the plant's free response and on that to a constant force beside u of up to half
-    its size: the friction or load that the model lacks would else be taken for motion at the start.
-    """
-    n, rows = discrete(simulator.mechanics).order, shown_in(simulator, len(y))
-    free = _free(simulator, rows)
-    wanted = y[:rows] - np.atleast_1d(discrete(simulator.mechanics).filter(u[:rows]))
-    wanted = wanted - _beside(simulator, u[:rows])
-    prior = np.zeros(n + 1)
-    prior[n] = noise / max(0.5 * float(np.sqrt(np.mean(u**2))), 1e-300)
-    table, wanted = np.vstack([free, prior]), np.append(wanted, 0.0)
-    reader, spread = _reader(table)
-    estimate = reader @ wanted
-    level = max(noise, float(np.std(wanted - table @ estimate)))
-    return estimate[:n], (spread @ spread.T * level**2)[:n, :n]
-
-
-def shown_in(simulator: Simulator, most: int) -> int:
-    """First samples in which the state of a plant that begins in motion is read, `most` at most."""
-    return min(most, max(10 * discrete(simulator.mechanics).order, 60))
-
-
-def start_behind(simulator: Simulator, added: Array) -> Array:
-    """What the start that was read from y changes by, (n_states,) or (n_states, k), where y holds what
-    a sensor has `added` to its first samples, (rows,) or (rows, k), as well: minus what `plant_start`
-    reads from that alone."""
-    n = discrete(simulator.mechanics).order
-    reader, _ = _reader(_free(simulator, len(added)))
-    out = np.zeros((simulator.n_states, *added.shape[1:]))
-    out[_ordering(simulator)] = -(reader @ added)[:n]
-    return out
-
-
-def _free(simulator: Simulator, rows: int) -> Array:
-    """y of the plant that is left alone from each of its states, and from rest under a constant force,
-    (rows, n + 1)."""
-    system = discrete(simulator.mechanics)
-    n = system.order
-    out = np.empty((rows, n + 1))
-    state = np.eye(n)
-    for k in range(rows):
-        out[k, :n] = system.c[0] @ state
-        state = system.a @ state
-    out[:, n] = system.filter(np.ones(rows))
-    return out
-
-
-def _reader(table: Array) -> tuple[Array, Array]:
-    """The pseudo-inverse of `table`, directions that it hardly shows left out, and a root of the
-    covariance of what it reads from samples of unit noise."""
-    scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    left, values, right = np.linalg.svd(table / scale, full_matrices=False)
-    kept = values > 1e-7 * values[0]
-    spread = (right[kept].T / values[kept]) / scale[:, None]
-    return spread @ left[:, kept].T, spread
-
-
-def _beside(simulator: Simulator, u: Array) -> Array | float:
-    """What the effects that the plant file states add to y, from rest at 0."""
-    plant = simulator.plant
-    if not plant.effects:
-        return 0.0
-    alone = Simulator(plant, open_loop=True)
-    return alone.run(plant.effects, feedforward=u).y - alone.run((), feedforward=u).y
-
-
 def starts_at_rest(recording: Recording) -> bool:
     """The reference (the command in open loop) holds still at first, and so does y."""
     rows = max(8, min(40, len(recording) // 50))
@@ -324,20 +255,6 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     )
 
 
-def in_motion_from(simulator: Simulator, recording: Recording, noise: float) -> tuple[Array, Array]:
-    """(start, doubt) of a plant that moves at the first sample; the controller's states stay zero."""
-    n = simulator.n_plant + simulator.mechanics.delay
-    start, doubt = np.zeros(simulator.n_states), np.zeros((n + simulator.controller.order,) * 2)
-    drive = recording.u if recording.d is None else recording.u + recording.d
-    estimate, spread = plant_start(simulator, drive, recording.y, noise)
-    # What is missing in the model acts on the first samples too: a fifth of the command, say.
-    other, _ = plant_start(simulator, 0.8 * drive, recording.y, noise)
-    order = _ordering(simulator)
-    start[order] = estimate
-    doubt[np.ix_(order, order)] = spread + np.outer(other - estimate, other - estimate)
-    return start, doubt
-
-
 def _loads(simulator: Simulator, effects: Sequence[EffectSpec]) -> float:
     """The command that the constant loads among `effects` stand for."""
     total, m = 0.0, simulator.mechanics
@@ -380,25 +297,6 @@ def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) 
     return behind_sensor(
         simulator, start, lambda x: sum(effect.shown(values, x) - x for effect, values in shown)
     )
-
-
-def behind_sensor(simulator: Simulator, start: Array, added: Callable[[float], float]) -> Array:
-    """`start` of a loop at rest with the plant where a sensor that adds `added(position)` shows what
-    `start` has."""
-    unit = simulator.at_rest(1.0)[: simulator.n_plant]
-    measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
-    position, small = measured, NUDGE * max(abs(measured), abs(added(measured)), 1e-300)
-    for _ in range(SETTLE):
-        now, ahead = added(position), added(position + small)
-        steep = max(1.0 + (ahead - now) / small, 1.0)  # a scale may bend to more than twice as much
-        position += (measured - position - now) / steep
-    return np.append(start[: len(unit)] + (position - measured) * unit, start[len(unit) :])
-
-
-def _ordering(simulator: Simulator) -> Array:
-    """Where the states of `discrete(mechanics)` stand in the simulator's start vector."""
-    n, delay = simulator.n_plant, simulator.mechanics.delay
-    return np.concatenate([np.arange(n, n + delay), np.arange(n)])
 
 
 def rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:

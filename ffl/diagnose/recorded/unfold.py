@@ -17,7 +17,8 @@ import scipy.signal
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base
 from ffl.diagnose.noise.noise import Noise
-from ffl.diagnose.recorded.trials import Trial, in_motion_from, prepare
+from ffl.diagnose.recorded.first_state import in_motion_from
+from ffl.diagnose.recorded.trials import Trial, prepare
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Plant

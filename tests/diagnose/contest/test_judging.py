@@ -13,7 +13,6 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.maps import unnamed
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
-from ffl.effects import EFFECTS
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec, Imperfections
 
@@ -142,11 +141,3 @@ def test_what_noise_makes_of_a_free_run_at_most(stage, references):
     share = np.mean(np.array(made) > noise_error(scene, scene, 0.05))
     assert 0.01 < share < 0.1
     assert noise_error(None, scene, 0.05) == 0.0
-
-
-@pytest.mark.parametrize(("stiffness", "yields"), [(1e6, True), (1e9, False)])
-def test_a_contact_that_hardly_yields_is_no_presliding_friction(stiffness, yields):
-    """Of 0.1 m of travel 1e-6 is 0.1 um."""
-    values = {"level": 10.0, "stiffness": stiffness, "micro_damping": 0.0}
-    spec = EffectSpec("presliding_friction", values)
-    assert EFFECTS[spec.name].credible(spec, 3.0, 0.1) is yields
