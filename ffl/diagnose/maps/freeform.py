@@ -12,7 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import CLEANER, LOST, PASSES, QUIET, UNTOLD, effective, promise
+from ffl.diagnose.contest.judging import (
+    CLEANER,
+    HALF,
+    LOST,
+    PASSES,
+    QUIET,
+    UNTOLD,
+    effective,
+    promise,
+)
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
@@ -20,10 +29,8 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import SENT, FreeModel, FreeScreen, Part, Running
 from ffl.diagnose.maps.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
 from ffl.diagnose.maps.freestep import ROUNDS, STILL, last_gain, stepped
+from ffl.diagnose.maps.least import least_noise
 from ffl.diagnose.noise.colour import colouring
-from ffl.diagnose.noise.imitate import TRUST
-from ffl.diagnose.noise.noise import Noise, fit_noise
-from ffl.diagnose.recorded.events import SHORT
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.warmth import warmed, with_warmth
 from ffl.systems.state_space import Array
@@ -133,25 +140,6 @@ def bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
     fitted = fit(quiet, model)
     return _judged(replace(quiet, loop=fitted.loop), held, FreeModel(fitted.model), 0.0)
-
-
-def least_noise(scene: Scene, model: Model, residuals: Sequence[Array]) -> Noise:
-    """The quietest of three opinions, part by part: an envelope over long segments, one over short
-    ones (an effect that is everywhere hides from the first, a slow one from the second), and the
-    plant file's own, where it states one."""
-    machine = model.base.plant.machine
-    opinions = [
-        fit_noise(
-            scene.loop, residuals, scene.noise, floor=scene.floor, coloured=False,
-            quantile=QUIET, segment=segment,
-        )
-        for segment in (None, SHORT)
-    ]  # fmt: skip
-    sensor, force = min(o.sensor for o in opinions), min(o.force for o in opinions)
-    if machine.states_noise:
-        stated = float(np.hypot(machine.sensor_noise, scene.floor))
-        sensor, force = min(sensor, TRUST * stated), min(force, TRUST * machine.force_noise)
-    return Noise(sensor, force)
 
 
 def _judged(
@@ -365,7 +353,10 @@ def _earns(f: FreeForm, before: FreeForm) -> bool:
         return fitted > WORTH
     if _untold(before, f):
         return fitted > UNTOLD and held > -max(HELD_WORTH, LOST * fitted)
-    return fitted > WORTH and held > HELD_WORTH
+    sure = fitted > UNTOLD and held > HALF * _promise(
+        before, f
+    )  # of little that could be told there
+    return fitted > WORTH and (held > HELD_WORTH or sure)
 
 
 def _promise(before: FreeForm, after: FreeForm) -> float:

@@ -15,11 +15,12 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
 from ffl.diagnose.maps.formula import Formula, formula
-from ffl.diagnose.maps.freeform import HELD_WORTH, FreeForm, free_form, held_gain, least_noise
+from ffl.diagnose.maps.freeform import HELD_WORTH, FreeForm, free_form, held_gain
 from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
 )
+from ffl.diagnose.maps.least import least_noise
 from ffl.diagnose.maps.measured import measured
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import Imitation, imitated

@@ -31,7 +31,7 @@ LONGEST = 20000  # samples looked at
 STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
 SPAN = 5  # samples over which the speed is read
 BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to speak against it
-LEVELS = (0.25, 0.5, 0.75)  # shares of the commands within the limits that are tried
+LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried
 CORNER = 0.3  # of the mean frequency of u: where that begins
 
 
