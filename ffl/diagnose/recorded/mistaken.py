@@ -31,7 +31,10 @@ LONGEST = 20000  # samples looked at
 STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
 SPAN = 5  # samples over which the speed is read
 BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to speak against it
-LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried
+LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried, and
+OF_LARGEST = np.geomspace(
+    1e-4, 0.5, 8
+)  # limits by the largest: a controller winds up beyond its drive's
 CORNER = 0.3  # of the mean frequency of u: where that begins
 
 
@@ -85,7 +88,7 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
             "plant's gain",
         )  # fmt: skip
     wrong = left < ALIKE and factor > 0 and not 1.0 / FACTOR < factor < FACTOR
-    if wrong and not (factor < 1.0 and _held_back(plant, u, y) < BETTER * left):
+    if wrong and not (factor < 1.0 and _held_back(plant, u, y, left)):
         return Fault(name, "unit", "the unit of y or u, or the plant's gain", too_large(factor))
     return None
 
@@ -100,22 +103,34 @@ def too_large(factor: float) -> str:
     )
 
 
-def _held_back(plant: Plant, u: Array, y: Array) -> float:
-    """Share of y's variance that is left of y = G (u - what holds the machine back more, or less, than in
-    proportion): friction, drag, a spring that hardens, a limit of the command, along the motion as
-    measured. (Drag of 160 v|v| N under water makes y a quarter of what G makes of u, but for 0.048 of its
-    variance; with drag 0.0001 is left. A wrong unit is the same at every amplitude.)"""
+def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
+    """Whether y = G (u - what holds the machine back more, or less, than in proportion) says clearly more
+    than a factor does, which leaves the share `left` of y's variance: friction, drag, a spring that hardens
+    along the motion as measured, or a limit of the command; that also more than a factor beside the rest.
+    (Drag of 160 v|v| N under water makes y a quarter of what G makes of u, but for 0.048 of its variance;
+    with drag 0.0001 is left. A controller that winds up behind its limit makes of y a thousandth. A wrong
+    unit is the same at every amplitude.)"""
     v = y if is_speed(plant.output_unit) else np.gradient(scipy.ndimage.uniform_filter1d(y, SPAN))
-    x = y - np.mean(y)
-    forces = [v * np.abs(v), np.sign(v), x**3]
-    forces += [u - np.clip(u, -level, level) for level in np.quantile(np.abs(u), LEVELS)]
+    x, size = y - np.mean(y), np.abs(u)
+    levels = [*np.quantile(size, LEVELS), *(size.max() * OF_LARGEST)]
+    moved = [v * np.abs(v), np.sign(v), x**3]
+    cut = [u - np.clip(u, -level, level) for level in levels]
     made, out = _compared(plant, u, y)
-    table = np.column_stack([_compared(plant, force, y, by=u)[0] for force in forces])
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    table = np.column_stack([_compared(plant, force, y, by=u)[0] for force in [*moved, *cut]])
     whole = float(out @ out)
     if whole <= 0.0 or not np.all(np.isfinite(table)):
-        return 1.0
-    return scipy.optimize.nnls(table / size, made - out)[1] ** 2 / whole
+        return False
+
+    def remains(columns: Array, wanted: Array) -> float:
+        """Share of y's variance that no sum of `columns` with weights >= 0 explains of `wanted`."""
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        return scipy.optimize.nnls(columns / scale, wanted)[1] ** 2 / whole
+
+    slow = table[:, : len(moved)]
+    if remains(slow, made - out) < BETTER * left:
+        return True
+    beside = remains(np.column_stack([made, -slow]), out)
+    return remains(table, made - out) < BETTER * min(left, beside)
 
 
 def _factor(plant: Plant, drive: Array, out: Array) -> tuple[float, float]:

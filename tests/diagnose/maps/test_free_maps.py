@@ -11,6 +11,7 @@ import pytest
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.maps import freeform
 from ffl.diagnose.maps.formula import Shape, _brake, _cost
 from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
@@ -140,3 +141,20 @@ def test_what_a_slow_spring_cannot_tell_apart_is_said_of_both(on_a_spring, pace,
     found = free_form(scene, held, Model(base))[-1]
     said = {v for part in (*found.parts, *found.alike) for v in part.term.variables}
     assert said == ({"position"} if apart else {"position", "command"})
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held", "promised", "earned"),
+    [(431.0, 9.0, 12.4, True), (431.0, 5.0, 12.4, False), (150.0, 9.0, 12.4, False)],
+)
+def test_a_map_that_judging_recordings_hardly_show_must_bring_half_of_what_it_can_there(
+    stage, references, scenes, monkeypatch, fitted, held, promised, earned
+):  # type: ignore[no-untyped-def]
+    """20261216/0055."""
+    run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    noise = np.random.default_rng(6).standard_normal(3000)
+    bare = FreeForm(FreeModel(model), scene, 0.0, noise, noise, np.ones(3000, bool))
+    monkeypatch.setattr(freeform, "_held", lambda *_: held)
+    monkeypatch.setattr(freeform, "_promise", lambda *_: promised)
+    assert _earns(replace(bare, evidence=fitted), bare) is earned

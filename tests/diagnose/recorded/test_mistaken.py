@@ -141,3 +141,17 @@ def test_a_number_at_its_bound_is_no_measurement(stage):  # type: ignore[no-unty
         )
         (found,) = corrections(standing)
         assert (found.name, found.relative, found.std_error) == ("mass", value, error)
+
+
+@pytest.mark.parametrize("limit", [0.1, 0.4])
+def test_a_drive_behind_which_the_controller_winds_up_is_no_wrong_unit(stage, record, limit):  # type: ignore[no-untyped-def]
+    """The command goes to 130 A and more, of which the drive lets 0.1 through: y is a thousandth of what
+    the model makes of u. A wrong unit of y leaves nothing else (20261216/0021)."""
+    narrow = replace(stage, effects=(EffectSpec("saturation", {"limit": limit}),))
+    run, _ = record(narrow)
+    factor, _ = _factor(stage, run.u, run.y)
+    assert factor < 0.01
+    assert mistakes(stage, [run]) == ()
+    plain, _ = record(stage)
+    (fault,) = mistakes(stage, [replace(plain, y=1e-3 * plain.y)])
+    assert fault.kind == "unit"
