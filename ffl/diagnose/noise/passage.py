@@ -41,7 +41,7 @@ class Passage:
     ) -> Array:
         """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of a sensor in a
         loop at rest what changes since: the loop has brought the rest to the reference; in motion the
-        plant begins where the sensor shows what it showed. `passed` (N_i,): what the sensor shows of a
+        plant begins where the sensor shows what it showed (lags in a row forget it). `passed` (N_i,): what the sensor shows of a
         small change; all of it where there is none."""
         out = []
         settled = place.port == "output" and self.scene.loop.controller is not None
@@ -53,7 +53,7 @@ class Passage:
             else:
                 seen = passed[k][:, None] * self._moved(place, x)
                 y = self.scene.whiteners[k].steady(seen)
-            if place.port == "output" and trial.started:
+            if place.port == "output" and trial.started and not self.model.base.is_process:
                 y = y + self._begun(k) @ self._behind(x)
             out.append(trial.weighed(y))
         return np.concatenate(out)
