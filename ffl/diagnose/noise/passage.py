@@ -41,8 +41,8 @@ class Passage:
     ) -> Array:
         """Regressors of each recording (N_i, k) filtered to whitened y and stacked; of a sensor in a
         loop at rest what changes since: the loop has brought the rest to the reference; in motion the
-        plant begins where the sensor shows what it showed (lags in a row forget it). `passed` (N_i,): what the sensor shows of a
-        small change; all of it where there is none."""
+        plant begins where the sensor shows what it showed (lags in a row forget it). `passed` (N_i,): what
+        the sensor shows of a small change; all of it where there is none."""
         out = []
         settled = place.port == "output" and self.scene.loop.controller is not None
         for k, (x, trial) in enumerate(zip(columns, self.scene.trials, strict=True)):
