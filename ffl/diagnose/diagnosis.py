@@ -245,7 +245,7 @@ def _through_folds(
     short: tuple[Sequence[Recording], Sequence[Recording]],
 ) -> tuple[Model, Scene, Scene] | None:
     """Model and scenes before a sensor that is blind to the sign, where recordings look folded and are:
-    the linear part as it is stated, or learned anew where that was fitted to folds."""  # fmt: skip
+    the linear part as it is stated, or learned anew where that was fitted to folds."""
     base = nominal.base
     if not looks_folded(base.plant, recordings):
         return None

@@ -70,6 +70,11 @@ class Base:
         """Lags in a row that drive no stated mass: a gain and lags, neither mass nor spring."""
         return bool(len(lags(self.simulator.mechanics))) and not self.states_mass
 
+    def keeps_start(self, trial: Trial) -> bool:
+        """Whether `trial` began in motion, in a state that its first samples told and that what follows
+        still shows: lags in a row forget theirs."""
+        return trial.started and not self.is_process
+
     @property
     def states_mass(self) -> bool:
         """The plant file knows the mass that moves, or the force that moves it."""

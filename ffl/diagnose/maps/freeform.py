@@ -29,8 +29,8 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import SENT, FreeModel, FreeScreen, Part, Running
 from ffl.diagnose.maps.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
 from ffl.diagnose.maps.freestep import ROUNDS, STILL, last_gain, stepped
-from ffl.diagnose.maps.least import least_noise
 from ffl.diagnose.noise.colour import colouring
+from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.warmth import warmed, with_warmth
 from ffl.systems.state_space import Array
@@ -353,9 +353,8 @@ def _earns(f: FreeForm, before: FreeForm) -> bool:
         return fitted > WORTH
     if _untold(before, f):
         return fitted > UNTOLD and held > -max(HELD_WORTH, LOST * fitted)
-    sure = fitted > UNTOLD and held > HALF * _promise(
-        before, f
-    )  # of little that could be told there
+    # Of little that could be told there, half.
+    sure = fitted > UNTOLD and held > HALF * _promise(before, f)
     return fitted > WORTH and (held > HELD_WORTH or sure)
 
 

@@ -177,7 +177,7 @@ class FreeModel:
         simulator = self.model.base.simulator
         start = start_of(simulator, self.model.acting, trial)
         shown = [p for p in self.parts if p.place.port == "output"]
-        if trial.started and shown and not self.model.base.is_process:
+        if shown and self.model.base.keeps_start(trial):
             head = trial.head(shown_in(simulator, len(trial)))
             motion = self.model.simulate(head, [side_of(shown[0].place)]).motion("sensor", None)
             return start + start_behind(simulator, sum(p.signal(motion) for p in shown))

@@ -20,10 +20,10 @@ from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
 )
-from ffl.diagnose.maps.least import least_noise
 from ffl.diagnose.maps.measured import measured
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import Imitation, imitated
+from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.recorded.events import PLAINLY, Events, events
 from ffl.effects import EFFECTS
@@ -33,9 +33,7 @@ from ffl.systems.state_space import Array
 
 LATE = frozenset({"input_delay", "actuator_lag"})  # what commands that did not arrive pass for
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
-SURE = (
-    40.0  # of the fitted recordings, where the held-out ones lean that way (true names: at most 12)
-)
+SURE = 40.0  # of the fitted recordings, where the held-out ones lean that way (true names: 18)
 QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
 FAR = (
@@ -148,11 +146,9 @@ def compare(
     alone = None if seen else alone
     if alone and min(gains) > -MARGIN and _drawn(standing):
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
-    winning = alone is not None and gains[0] > MARGIN and gains[1] > HELD_WORTH
-    if (
-        gains[0] > SURE and gains[1] > 0.0
-    ):  # hardly shown where it is judged, and not spoken against
-        winning = alone is not None
+    # What hardly shows where it is judged, and is not spoken against there, must be the clearer.
+    told = gains[1] > HELD_WORTH or (gains[0] > SURE and gains[1] > 0.0)
+    winning = alone is not None and gains[0] > MARGIN and told
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never
         # quite still where there is nothing.

@@ -53,27 +53,21 @@ class Passage:
             else:
                 seen = passed[k][:, None] * self._moved(place, x)
                 y = self.scene.whiteners[k].steady(seen)
-            if place.port == "output" and trial.started and not self.model.base.is_process:
+            if place.port == "output" and self.model.base.keeps_start(trial):
                 y = y + self._begun(k) @ self._behind(x)
             out.append(trial.weighed(y))
         return np.concatenate(out)
 
     def _behind(self, x: Array) -> Array:
-        """Where the plant begins for a sensor that adds the signals x (N, k): its states, (n, k)."""
+        """Where the loop begins for a sensor that adds the signals x (N, k): its states, (n, k)."""
         simulator = self.model.simulator
-        rows = shown_in(simulator, len(x))
-        return start_behind(simulator, x[:rows])[: self._plant_states]
-
-    @property
-    def _plant_states(self) -> int:
-        return self.model.simulator.n_plant + self.model.simulator.mechanics.delay
+        return start_behind(simulator, x[: shown_in(simulator, len(x))])
 
     def _begun(self, index: int) -> Array:
-        """Whitened y, (N, n), of the loop that begins with one in each of the plant's states."""
+        """Whitened y, (N, n), of the loop that begins with one in each of its states."""
         if index not in self._starts:
             simulator, still = self.model.simulator, np.zeros(len(self.scene.trials[index]))
-            units = np.eye(self._plant_states, simulator.n_states)
-            y = [simulator.run((), still, start=unit).y for unit in units]
+            y = [simulator.run((), still, start=unit).y for unit in np.eye(simulator.n_states)]
             self._starts[index] = self.scene.whiteners[index].steady(np.column_stack(y))
         return self._starts[index]
 

@@ -32,9 +32,8 @@ STILL = 0.999  # a slower pole forgets too slowly to be compared below the corne
 SPAN = 5  # samples over which the speed is read
 BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to speak against it
 LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried, and
-OF_LARGEST = np.geomspace(
-    1e-4, 0.5, 8
-)  # limits by the largest: a controller winds up beyond its drive's
+# limits by the largest: a controller winds up beyond its drive's.
+OF_LARGEST = np.geomspace(1e-4, 0.5, 8)
 CORNER = 0.3  # of the mean frequency of u: where that begins
 
 
@@ -126,10 +125,10 @@ def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         return scipy.optimize.nnls(columns / scale, wanted)[1] ** 2 / whole
 
-    slow = table[:, : len(moved)]
-    if remains(slow, made - out) < BETTER * left:
+    by_motion = table[:, : len(moved)]
+    if remains(by_motion, made - out) < BETTER * left:
         return True
-    beside = remains(np.column_stack([made, -slow]), out)
+    beside = remains(np.column_stack([made, -by_motion]), out)
     return remains(table, made - out) < BETTER * min(left, beside)
 
 

@@ -1,4 +1,4 @@
-"""The least noise that residuals show, under which maps are fitted."""
+"""The least noise that residuals show: maps are fitted under it."""
 
 from __future__ import annotations
 
