@@ -1,8 +1,14 @@
 """A small stage and a campaign on it, written to a folder of the test."""
 
+import os
 import textwrap
 
 import pytest
+
+# One thread in linear algebra, as the command line has it: two processes on two cores are the better use
+# of them. Before numpy is imported; a user's own setting stands.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 PLANT = """
 name = "stage"
