@@ -51,6 +51,7 @@ class Mechanics:
     which effects have hung a mass (force pair and stretch between the two). `origin` is the plant
     before any effect changed it, where its points are known; `push` and `pull` bring them here.
     `place` reads the position where y is a speed: the last state of such a plant is its integral.
+    `inertia` is how many times the plant's own mass every mode has by now.
     """
 
     a: Array
@@ -72,6 +73,7 @@ class Mechanics:
     push: Array | None = None
     pull: Array | None = None
     place: Array | None = None
+    inertia: float = 1.0
 
     @property
     def order(self) -> int:
@@ -142,10 +144,11 @@ class Mechanics:
         return collocated(self.a, self.b * self.sign, self.position)
 
     def coupling(self, mass_ratio: float | None = None) -> tuple[float, float]:
-        """Stiffness and damping of the spring between motor and load (of the first mode)."""
+        """Stiffness and damping of the spring between motor and load (of the first mode); with more mass
+        in every mode (`inertia` times) it is as much stiffer, for the mode keeps its frequency."""
         if (pair := (self.origin or self).two_masses(mass_ratio)) is not None:
-            return pair.stiffness, pair.damping
-        mass = 1.0 / (self.origin or self).point("coupling", mass_ratio).mobility
+            return self.inertia * pair.stiffness, self.inertia * pair.damping
+        mass = self.inertia / (self.origin or self).point("coupling", mass_ratio).mobility
         return self.modes[1].stiffness * mass, self.modes[1].damping * mass
 
     def _of_modes(self, side: str, mass_ratio: float | None) -> Point:
@@ -266,7 +269,8 @@ class Mechanics:
         fast = StateSpace(
             self.fast.a, self.fast.b, gain * self.fast.c, gain * self.fast.d, self.sample_time
         )
-        return self._changed(gain * same, same, a=a, d=self.d * gain, fast=fast)
+        inertia = factor * self.inertia
+        return self._changed(gain * same, same, a=a, d=self.d * gain, fast=fast, inertia=inertia)
 
     def with_mass(self, point: Point, mass: float) -> Mechanics:
         """Adds the force -mass * acceleration at `point` to the linear part."""

@@ -225,3 +225,14 @@ def test_what_is_not_two_masses_is_taken_for_modes():
     held = two_mass_plant(ground={"motor": 500.0})
     assert mechanics_of(held.system).two_masses() is None
     assert mechanics_of(held.system).point("load").mobility > 0
+
+
+@pytest.mark.parametrize("measured", ["motor", "load"])
+def test_a_play_between_masses_that_are_all_heavier_is_a_play_under_less_command(measured):
+    """The spring between them is as much stiffer, for the mode keeps its frequency: all of it must go."""
+    play = EffectSpec("backlash", {"gap": 4e-4}, {"kind": "coupling"})
+    heavier = EffectSpec("mass_change", {"change": 0.3}, {"side": "all"})
+    simulator = Simulator(two_mass_plant(measured), open_loop=True)
+    alone = simulator.run([play], None, COMMAND)
+    for specs in ([play, heavier], [heavier, play]):
+        assert worst(simulator.run(specs, None, 1.3 * COMMAND).y, alone.y) < 1e-9
