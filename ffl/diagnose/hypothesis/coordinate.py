@@ -27,6 +27,7 @@ MOST_BACK = 1.0
 CONTACT = 0.025  # of the travel
 ROOM = 0.9  # of the mass at a point that may hang on a spring
 STEP = 2e-3  # of a coordinate's scale: difference step; stick-slip makes smaller ones noisy
+INSIDE = (1.0 + 1e-12, 1.0 - 1e-12)  # bounds that a logarithm, and its exponential, do not cross
 LOG_STEP = 4e-3
 NEAR = 0.3  # of its logarithm: what a stated number may be off at least
 TURN = 0.05  # rad: by which a difference step of a period or a frequency may move the last wave
@@ -74,10 +75,10 @@ def number_of(  # type: ignore[no-untyped-def]
             travel = base.travel or np.inf
             reach = float(np.clip(LOBE * value / travel, reach, 0.3))
             upper = max(min(upper, travel), value)  # what does not come again is no period
-        low = max(np.log(lower), at - reach) if lower > 0 else at - reach
+        low = max(np.log(lower * INSIDE[0]), at - reach) if lower > 0 else at - reach
         own = (spec.name, parameter.name, spec.options.get("kind", "saturating"))
         upper = MOST_BACK if own == ("hysteresis", "beta", "saturating") else upper
-        high = min(np.log(upper), at + reach)
+        high = min(np.log(upper * INSIDE[1]), at + reach)
         low = max(low, _shortest(base, spec, parameter.name))
         least = PASSIVE.get((spec.name, parameter.name), 0.0)
         low = max(low, np.log(least)) if least else low

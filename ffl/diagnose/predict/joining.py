@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
-from ffl.diagnose.contest.judging import PER_NUMBER
+from ffl.diagnose.contest.judging import PER_NUMBER, Judged
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import CREEPING, KEEP, PLIABLE, excluded
 from ffl.diagnose.hypothesis.fit import fit
@@ -30,6 +30,7 @@ FAINT = 16.0  # first-order gain below which nobody is tried
 # Moments of contact jump with every number, which makes the likelihood rough by a hundred or two:
 LEAST = 250.0  # log-likelihood that joining brings
 WORTH = 0.015  # the same, a sample
+ROUGH = 25.0  # times the log-likelihood that a better start brings or does not
 TURNS = (8, 16, 32, 64)  # parts of a period by which a clock is moved, finer and finer
 Able = Callable[[EffectSpec], bool]
 Settled = Callable[[Told, Sequence[Trial]], Told]
@@ -50,14 +51,19 @@ class Company(Generic[Told]):
 
 
 def joined(
-    company: Company[Told], scene: Scene, able: Able, settled: Settled[Told]
+    company: Company[Told],
+    scene: Scene,
+    able: Able,
+    settled: Settled[Told],
+    further: Callable[[Company[Told]], Sequence[Candidate]] = lambda company: (),
 ) -> Company[Told]:
     """`company` with who foretells its recordings clearly better, one at a time, of whom the filter is
-    `able` to take; `settled` finds all numbers again, of the best and of those without it."""
+    `able` to take, and of those `further`; `settled` finds all numbers again, of the best and of those
+    without it."""
     while not company.full:
         found, trials = company.found, company.trials
         tried: dict[str, tuple[Told, tuple[Trial, ...]]] = {}
-        for c in proposed(company, scene, able):
+        for c in (*proposed(company, scene, able), *further(company)):
             one = beside(found, c, trials, scene.free_clocks)
             best = tried.get(c.spec.name)
             if best is None or charged(*one) > charged(*best):
@@ -182,3 +188,27 @@ def needed(found: Told, trials: Sequence[Trial]) -> Told:
         bare = replace(found, model=found.model.without(found.model.names.index(name)))
         found = bare if bare.scaled(trials)[0] > found.scaled(trials)[0] - KEEP else found
     return found
+
+
+def clocked(scene: Scene, company: Company[Told]) -> Scene:
+    """`scene` on the clocks that suit the company."""
+    clocks = [trial.start_time for trial in company.trials]
+    pairs = zip(scene.trials, clocks, strict=True)
+    return replace(scene, trials=tuple(replace(trial, start_time=c) for trial, c in pairs))
+
+
+def contending(
+    company: Company[Told], found: Told, judged: Judged, told: Callable[[Told], Judged | None]
+) -> dict[str, list[tuple[str, Judged]]]:
+    """For each who joined, and stayed, the one that was tried in its place, as it is `told`; what lies
+    between them counts for as little as the likelihood is rough."""
+    out = {spec.name: [(spec.name, judged)] for spec in found.model.effects[:-1]}
+    own = company.found.model.names
+    for name, rival in company.rivals.items():
+        others = [n for n in rival.model.names if n not in own]
+        one = told(rival) if len(others) == 1 and name in out else None
+        if one is not None:
+            apart = charged(rival, company.trials) - charged(company.found, company.trials)
+            like = replace(one, fitted=one.fitted + judged.score + apart / ROUGH - one.score)
+            out[name].append((others[0], like))
+    return out

@@ -21,11 +21,13 @@ from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import along, separable
+from ffl.diagnose.predict.dry_forms import formed
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import (
     LEAST,
     Company,
-    charged,
+    clocked,
+    contending,
     exchanged,
     in_step,
     joined,
@@ -42,7 +44,6 @@ GRID = np.geomspace(1e-4, 0.03, 48)  # of the travel: valleys are narrow, and ma
 MOVES = (0.02, 0.004, 0.001)  # relative, of a gap that others have joined
 TRIES = 10  # moves either way
 POLISH = (0.1, 0.03, 0.01)  # of the numbers of all effects, at the end
-ROUGH = 25.0  # times the log-likelihood that a better start brings or does not
 JUMPS = 100.0  # log-likelihood by which moments of contact make it rough
 LEVELS = (1.0, 10.0)  # times the force noise, under which a gap is looked for
 STARTS = 3  # gaps of the grid that are fitted
@@ -74,10 +75,10 @@ def with_loose_head(
         return outcome
     short = tuple(shortened(scene, LOOK))
     company = joined(Company(regapped(begun, short), short), scene, able, regapped)
-    company = exchanged(proven(company, regapped), regapped)
-    clocks = [trial.start_time for trial in company.trials]
-    trials = tuple(replace(t, start_time=c) for t, c in zip(scene.trials, clocks, strict=True))
-    found = claimed(polished(company.found, trials), replace(scene, trials=trials))
+    company = formed(exchanged(proven(company, regapped), regapped), regapped)
+    scene = clocked(scene, company)
+    trials = scene.trials
+    found = claimed(polished(company.found, trials), scene)
 
     def told_of(found: Slip) -> Judged | None:
         return _judged(found, scene, held, trials, prior)
@@ -95,7 +96,7 @@ def with_loose_head(
     name = (*before.model.names, "nothing")[0]
     contenders = {
         "backlash": [("backlash", judged), (name, before)],
-        **_contenders(company, found, judged, told_of),
+        **contending(company, found, judged, told_of),
     }
     steps = [*outcome.steps, Step(before, (), (judged,), judged)]
     return Outcome(judged, steps, judged.held, contenders)
@@ -208,20 +209,3 @@ def _judged(
 def _worth(judged: Judged) -> tuple[float, float]:
     """Of the fitted recordings, its numbers charged, and of the held-out ones."""
     return judged.score - judged.held_out, judged.held_out
-
-
-def _contenders(
-    company: Company[Slip], found: Slip, judged: Judged, told: Callable[[Slip], Judged | None]
-) -> dict[str, list[tuple[str, Judged]]]:
-    """For each who joined, and stayed, the one that was tried in its place, as it is `told`; what lies
-    between them counts for as little as the likelihood is rough."""
-    out = {spec.name: [(spec.name, judged)] for spec in found.model.effects[:-1]}
-    own = company.found.model.names
-    for name, rival in company.rivals.items():
-        one = told(rival)
-        if one is not None:
-            apart = charged(rival, company.trials) - charged(company.found, company.trials)
-            like = replace(one, fitted=one.fitted + judged.score + apart / ROUGH - one.score)
-            (other,) = (n for n in rival.model.names if n not in own)
-            out[name].append((other, like))
-    return out

@@ -17,11 +17,13 @@ from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.linear import BOUND
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
-from ffl.diagnose.predict.company import without
+from ffl.diagnose.predict.company import along, forces_along, separable, without
 from ffl.diagnose.predict.foretold import Foretold, refitted
 from ffl.diagnose.predict.moving import gap_at, moved, units, walked
+from ffl.diagnose.predict.slipping import FORMS
 from ffl.diagnose.predict.switching import Switching
 from ffl.diagnose.recorded.trials import Trial
+from ffl.effects import EFFECTS
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -45,6 +47,10 @@ GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides und
 LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
 ALONG = (0.1, 0.05, 0.02, 0.01)  # the same, of the combination that the samples see least
 VALLEY, SLIDES = (0.25, 0.05), 4  # of the logarithm of the mass ratio, and steps either way
+BESIDE = frozenset(
+    {"constant_load", "linear_stiffness"}
+)  # of the linear part, and no number of its own
+RUBS = frozenset(FORMS) - {"presliding_friction"}  # dry friction, without what a contact yields
 PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
 
 
@@ -55,8 +61,17 @@ class Hypothesis(Foretold):
 
     @classmethod
     def of(cls, model: Model, gap: float, options: Mapping[str, Any], noise: Noise) -> Hypothesis:
-        spec = EffectSpec("backlash", {"gap": float(gap)}, options)
-        return cls(replace(model, effects=(*model.effects, spec)), noise)
+        spec, ratio = (
+            EffectSpec("backlash", {"gap": float(gap)}, options),
+            options.get("mass_ratio"),
+        )
+        others = [
+            replace(s, options={**s.options, "mass_ratio": ratio})
+            if "mass_ratio" in s.options
+            else s
+            for s in model.effects
+        ]
+        return cls(replace(model, effects=(*others, spec)), noise)
 
     @property
     def steps(self) -> Array:
@@ -73,18 +88,34 @@ class Hypothesis(Foretold):
 
     def predict(self, trials: Sequence[Trial]) -> tuple[Array, Array] | None:
         """(scaled innovations, logarithms of their scales) of all recordings; None: no such plant."""
-        try:
-            switching = Switching.of(self.model)
-        except InputError:
-            return None
-        if switching is None:
-            return None
+        with np.errstate(all="ignore"):  # numbers that no machine has
+            try:
+                switching = Switching.of(self.model)
+            except InputError:
+                return None
+            if switching is None:
+                return None
+            pairs = [switching.predict(self._seen(trial), self.noise) for trial in trials]
+            e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+            white = e / s
+            return (white, np.log(s)) if np.all(np.isfinite(white)) else None
+
+    def _seen(self, trial: Trial) -> Trial:
+        """The trial between the effects of the drive and of the scale, with forces along its motion."""
         others = self.model.effects[:-1]
-        seen = [without(trial, others) if others else trial for trial in trials]
-        pairs = [switching.predict(trial, self.noise) for trial in seen]
-        e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-        white = e / s
-        return (white, np.log(s)) if np.all(np.isfinite(white)) else None
+        felt = forces_along(trial, [spec for spec in others if along(spec)])
+        if not others:
+            return trial
+        force = sum(felt, np.zeros(len(trial))) / self.model.base.simulator.force_per_input
+        load = force if trial.load is None else trial.load + force
+        return replace(without(trial, others), load=load)
+
+
+def able(spec: EffectSpec) -> bool:
+    """Whether the filter can take the effect beside the play; a mass is the model's own number until it
+    crosses the line, and so is a damping but where it acts on one side of the play alone."""
+    driven = along(spec) and spec.options.get("side", "motor") == "motor"
+    return driven or spec.name in (*BESIDE, *RUBS) or separable(spec)
 
 
 def start(
@@ -174,7 +205,8 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
 def _along_valley(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
     """Between two masses the one seen tells gap/(1 + mass ratio) to 0.2 %, each of both faintly: the ratio
     moved, the gap with it. (From 2.5, where refining ended: 72 of log-likelihood at 2.0, the truth.)"""
-    names, at = [c.name for c in point.model.coordinates], gap_at(point.model)
+    coordinates = point.model.coordinates
+    names, at, loads = [c.name for c in coordinates], gap_at(point.model), _on_load(point.model)
     if "mass_ratio" not in names:
         return point
 
@@ -182,7 +214,9 @@ def _along_valley(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
         ratio = float(point.model.effects[-1].options["mass_ratio"])
         theta = point.theta
         theta[names.index("mass_ratio")] += by
-        theta[at] *= (1.0 + ratio * np.exp(by)) / (1.0 + ratio)
+        times = (1.0 + ratio * np.exp(by)) / (1.0 + ratio)
+        theta[at] *= times
+        theta[loads] *= np.exp(by) / times  # as the load is heavier or lighter
         return point.at(theta)
 
     worth = point.worth(trials)
@@ -192,6 +226,16 @@ def _along_valley(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
         if (value := best.worth(trials)) > worth:
             point, worth = best, value
     return point
+
+
+def _on_load(model: Model) -> list[int]:
+    """Which coordinates are forces on the load."""
+    return [
+        k
+        for k, c in enumerate(model.coordinates)
+        if c.effect >= 0 and not c.log and model.effects[c.effect].options.get("side") == "load"
+        and "F" in EFFECTS[model.effects[c.effect].name].parameter(c.name).unit
+    ]  # fmt: skip
 
 
 def _moved_along(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:

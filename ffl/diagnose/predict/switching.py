@@ -26,10 +26,12 @@ from ffl.diagnose.hypothesis.linear import corrected
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.clipped import LOST, MEMORY
+from ffl.diagnose.predict.slipping import FORMS, ease, levels
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.effects.base import Setting
 from ffl.effects.point import Point
+from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 FINE = 0.1  # radian that the contact's resonance turns in one sub-step at most
@@ -55,7 +57,17 @@ def _rectified(depth, spread):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, again, substeps):  # type: ignore[no-untyped-def]
+def _clipped(middle, spread, low, high):  # type: ignore[no-untyped-def]
+    """(mean of max(low, min(high, c)), probability of lying between, variance that a line through the mean
+    does not explain) of c, Gaussian about `middle`."""
+    above, over, wide = _rectified(middle - high, spread)
+    below, under, deep = _rectified(low - middle, spread)
+    mean = middle - (middle - high) * above - over + (low - middle) * below + under
+    return mean, max(1.0 - above - below, 0.0), min(wide + deep, 0.25 * (high - low) ** 2)
+
+
+@njit(cache=True, nogil=True)
+def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, again, rub, substeps):  # type: ignore[no-untyped-def]
     """(innovations (N,), their standard deviations (N,)).
 
     State x (n,) with covariance p, at the first sample before its y is seen. moves (2, n, n), pushes
@@ -63,12 +75,17 @@ def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, ag
     contact; kick (n,): in contact, of a spring compressed by 1. rows (3, n): y, stretch, its rate. law:
     half the gap, stiffness and damping in contact, sub-step. white: variance of y's white noise. again
     (n, n): added to p where the innovations say that the filter has lost the stretch.
+    rub: of dry friction the row (n,) that reads the speed which it takes towards zero, what it pushes
+    (2, n), and its force at most (2, N) either way.
     """
     n, samples = len(x), len(y)
     out, scale = np.empty(samples), np.empty(samples)
     surprise = 1.0
     half, stiffness, damping, step = law[0], law[1], law[2], law[3]
     other, blend, new = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    feel, brake, level = rub
+    dry = np.any(level > 0.0)
+    held, felt = np.empty(n), np.empty(n)
     for t in range(samples):
         seen = 0.0
         pc = np.zeros(n)
@@ -130,6 +147,27 @@ def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, ag
                         total += other[i, k] * blend[j, k]
                     p[i, j] = total
                     p[j, i] = total
+            if dry:  # the force that would stop it within the sub-step, as far as friction can
+                speed, power, give = 0.0, 0.0, 0.0
+                for i in range(n):
+                    held[i] = (1.0 - share) * brake[0, i] + share * brake[1, i]
+                    felt[i] = 0.0
+                    for j in range(n):
+                        felt[i] += p[i, j] * feel[j]
+                    speed += feel[i] * x[i]
+                    power += feel[i] * felt[i]
+                    give += feel[i] * held[i]
+                force, sticks, rest = _clipped(
+                    speed / give, np.sqrt(max(power, 0.0)) / give + 1e-12 * (level[0, t] + level[1, t]),
+                    -level[1, t], level[0, t],
+                )  # fmt: skip
+                sticks /= give
+                rest += sticks * sticks * power
+                for i in range(n):
+                    x[i] -= held[i] * force
+                    for j in range(n):
+                        p[i, j] += rest * held[i] * held[j]
+                        p[i, j] -= sticks * (held[i] * felt[j] + felt[i] * held[j])
     return out, scale
 
 
@@ -155,6 +193,9 @@ class Switching:
     stiffness: float
     damping: float
     resonance: float
+    rubs: Point
+    friction: EffectSpec | None
+    per: float
     delay: int
     sample_time: float
 
@@ -164,16 +205,21 @@ class Switching:
         is the last of the model's."""
         spec = model.effects[-1]
         effect = EFFECTS[spec.name]
+        per, dry = model.base.simulator.force_per_input, None
         linear = corrected(model.base.simulator.mechanics, dict(model.corrections))
         for other in model.effects[:-1]:
-            setting = Setting(model.base.simulator.force_per_input, linear, other.options)
+            setting = Setting(per, linear, other.options)
             linear = EFFECTS[other.name].modify(linear, other.parameters, setting)
-        setting = Setting(model.base.simulator.force_per_input, linear, spec.options)
+            dry = other if other.name in FORMS else dry
+        setting = Setting(per, linear, spec.options)
         mechanics = effect.modify(linear, spec.parameters, setting)
         setting = replace(setting, mechanics=mechanics)
         if mechanics.order != 4 or mechanics.fast.order or mechanics.place is not None:
             return None
         gap, stiffness, damping, contact = effect.pack(spec.parameters, setting)
+        where = "motor"
+        if dry is not None:
+            where = EFFECTS[dry.name].side_in(replace(setting, options=dry.options))
         point = setting.point(effect.side_in(setting))
         step, a = mechanics.sample_time, mechanics.a
         free = a + np.outer(point.force, stiffness * point.position + damping * point.velocity)
@@ -197,6 +243,9 @@ class Switching:
             stiffness,
             contact,
             float(np.sqrt(stiffness * point.mobility)),
+            setting.point(where),
+            dry,
+            per,
             mechanics.delay,
             step,
         )
@@ -211,12 +260,14 @@ class Switching:
         colour = np.exp(-2 * np.pi * np.array([noise.sensor_corner, noise.force_corner]) * step)
         moves, spread = np.zeros((2, n + 2, n + 2)), np.zeros((2, n + 2, n + 2))
         pushes, drift, kick = np.zeros((2, n + 2)), np.zeros((2, n + 2)), np.zeros(n + 2)
+        rub, feel = np.zeros((2, n + 2)), np.zeros(n + 2)
+        given = self.drive, self.press, self.load, self.rubs.force
         for m, a in enumerate((self.free, self.contact)):
-            block = np.zeros((n + 3, n + 3))
-            block[:n, :n], block[:n, n:] = a, np.column_stack([self.drive, self.press, self.load])
+            block = np.zeros((n + len(given), n + len(given)))
+            block[:n, :n], block[:n, n:] = a, np.column_stack(given)
             held = scipy.linalg.expm(block * step)
             moves[m, :n, :n] = self.turn @ held[:n, :n] @ back
-            pushes[m, :n], kick[:n], drift[m, :n] = (self.turn @ held[:n, n:]).T
+            pushes[m, :n], kick[:n], drift[m, :n], rub[m, :n] = (self.turn @ held[:n, n:]).T
             moves[m, :n, n + 1] = pushes[m, :n]
             moves[m, n, n], moves[m, n + 1, n + 1] = colour
             spread[m] = noise.force**2 * substeps * np.outer(pushes[m], pushes[m])
@@ -225,6 +276,7 @@ class Switching:
         rows = np.zeros((3, n + 2))
         rows[0, :n], rows[0, n] = self.output @ back, 1.0
         rows[1, :n], rows[2, :n] = self.point.position @ back, self.point.velocity @ back
+        feel[:n] = self.rubs.velocity @ back
         x, p = self._start(trial, noise)
         law = np.array([0.5 * self.gap, self.stiffness, self.damping, step])
         force = trial.u if trial.load is None else trial.u + trial.load
@@ -235,8 +287,18 @@ class Switching:
         again[1, 1] = (law[0] * self.resonance * self.sample_time) ** 2
         return _filter(
             trial.y, force, x, p, moves, pushes, drift, kick, spread, rows, law, noise.sensor**2, again,
-            substeps,
+            (feel, rub, self._levels(trial)), substeps,
         )  # fmt: skip
+
+    def _levels(self, trial: Trial) -> Array:
+        """(2, N) dry friction at most, moving up and down, input units: where y is, at its speed."""
+        if self.friction is None:
+            return np.zeros((2, len(trial)))
+        at, *ways = levels(self.friction, self.per)
+        level = np.stack([np.interp(trial.y, at, way) for way in ways])
+        share, more, fall = ease(self.friction, self.per)
+        speed = np.gradient(trial.y, trial.sample_time)
+        return level + (share * level + more) * np.exp(-((speed / fall) ** 2))
 
     def _start(self, trial: Trial, noise: Noise) -> tuple[Array, Array]:
         """State at the first sample and its covariance: as the linear model has it, in doubt by the

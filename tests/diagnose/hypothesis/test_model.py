@@ -182,3 +182,15 @@ def test_what_does_nothing_in_a_form_is_no_number_of_it(stage, kind, free):
     spec = EffectSpec("sensor_nonlinearity", {"kind": kind, "level": 0.01})
     model = Model(Base.of(stage)).with_effect(spec)
     assert [c.name for c in model.coordinates if c.kind == "effect"] == free
+
+
+def test_a_logarithm_at_its_bound_is_within_it(stage):
+    """exp(log(10)) is 10.000000000000002, which no hysteresis takes."""
+    base = Base.of(stage, 0.05)
+    values = {"force": 1.0, "displacement": 1e-3, "exponent": 1.0, "beta": 9.0}
+    spec = EffectSpec("hysteresis", values, {"kind": "hardening"})
+    model = Model(base, {}, (spec,))
+    theta = model.theta
+    at = [c.name for c in model.coordinates].index("beta")
+    theta[at] = np.inf
+    assert model.at(theta).effects[0].parameters["beta"] <= 10.0

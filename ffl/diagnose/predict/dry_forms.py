@@ -1,0 +1,71 @@
+"""Which form of dry friction stands beside a play: each in its place, foretold from sample to sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.settle import DRY, level_of
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.joining import Company, Settled, Told, charged
+from ffl.diagnose.recorded.trials import Trial
+from ffl.systems.plant import EffectSpec
+
+KNOTS = 9  # of a table
+NEAR = 250.0  # log-likelihood that a form may be behind, its numbers fitted once, and yet come out ahead
+STRIBECK = (0.02, 0.1)  # of the RMS speed
+RISES = 1.5  # of the level at speed: what the level at rest begins at
+# Log-likelihood by which a form of more numbers must be ahead, where moments of contact make it rough.
+LEAST = 100.0
+
+
+def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
+    """`company` with the form of its dry friction that foretells best, the plainest where another is not
+    clearly ahead; the best of the others is told as its rival."""
+    found, trials = company.found, company.trials
+    own = next((s for s in found.model.effects if s.name in DRY), None)
+    if own is None or (level := level_of(own)) is None:
+        return company
+    at = found.model.effects.index(own)
+    tried = [found]
+    for spec in _forms(own, level, trials):
+        effects = (*found.model.effects[:at], spec, *found.model.effects[at + 1 :])
+        other = refitted(replace(found, model=replace(found.model, effects=effects)), trials)
+        if charged(other, trials) > charged(found, trials) - NEAR:
+            tried.append(settled(other, trials))
+    tried.sort(key=lambda form: len(form.model.coordinates))
+    best = tried[0]
+    for form in tried[1:]:
+        if charged(form, trials) > charged(best, trials) + LEAST:
+            best = form
+    rest = [form for form in tried if form.model.names != best.model.names]
+    rivals = {name: told for name, told in company.rivals.items() if name != own.name}
+    if rest:
+        rivals[best.model.names[at]] = max(rest, key=lambda form: charged(form, trials))
+    return Company(best, trials, rivals)
+
+
+def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[EffectSpec]:
+    """Other forms of the same friction, to begin with."""
+    y = np.concatenate([trial.y for trial in trials])
+    v = np.concatenate([np.gradient(trial.y, trial.sample_time) for trial in trials])
+    speed = float(np.sqrt(np.mean(v**2)))
+    ways = {"positive": level, "negative": level}
+    if own.name == "asymmetric_friction":
+        ways = {way: float(own.parameters[f"level_{way}"]) for way in ways}
+    grid = [float(x) for x in np.linspace(y.min(), y.max(), KNOTS)]
+    table = {"grid": grid, **{way: [value] * KNOTS for way, value in ways.items()}}
+    falling = [
+        {"coulomb_level": level, "static_level": RISES * level, "stribeck_velocity": share * speed}
+        for share in STRIBECK
+    ]
+    starts = [
+        ("coulomb_friction", {"level": level}),
+        ("asymmetric_friction", {f"level_{way}": value for way, value in ways.items()}),
+        *(("stribeck_friction", values) for values in falling),
+        ("position_dependent_friction", {"table": table, "level": level}),
+    ]
+    kept = {k: v for k, v in own.options.items() if k in ("side", "mass_ratio")}
+    return [EffectSpec(name, values, kept) for name, values in starts if name != own.name]

@@ -1,0 +1,120 @@
+"""A play between two masses beside dry friction, a damper on one side or a gain by position."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_rattling import NOISE, STEP, path, plant, scene_of  # noqa: F401
+
+from ffl.diagnose.contest.settle import DRY
+from ffl.diagnose.noise.noise import partly_coloured
+from ffl.diagnose.predict.balance import rubbing
+from ffl.diagnose.predict.play import LOOSENESS, Hypothesis, able, settled
+from ffl.diagnose.predict.rattling import accompanied, dampers, started
+from ffl.diagnose.predict.switching import _clipped
+from ffl.machines import SimulatedMachine
+from ffl.systems import Controller, EffectSpec, Physics, Plant, Zpk
+
+GAP, RATIO = 5e-4, 0.7
+PLAY = EffectSpec(
+    "backlash", {"gap": GAP}, {"kind": "coupling", "mass_ratio": RATIO, "damping": 0.04}
+)
+LEVELS = {"level_positive": 12.0, "level_negative": 7.0}
+RUBS = EffectSpec("asymmetric_friction", LEVELS, {"side": "load", "mass_ratio": RATIO})
+
+
+def recorded(plant, *specs, seed=0):  # noqa: F811
+    machine = SimulatedMachine(replace(plant, effects=specs))
+    rng = np.random.default_rng(seed)
+    return [machine.run(r, 0 * r, rng) for r in (path(1, -1, 1, -1), path(1, 1, -1, -1))]
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.7, -2.5])
+@pytest.mark.parametrize("spread", [0.05, 1.0, 20.0])
+def test_the_mean_of_a_clipped_gaussian_is_that_of_many_draws(middle, spread):
+    drawn = middle + spread * np.random.default_rng(1).standard_normal(400_000)
+    clipped = np.clip(drawn, -1.0, 2.0)
+    mean, inside, rest = _clipped(middle, spread, -1.0, 2.0)
+    assert mean == pytest.approx(clipped.mean(), abs=0.01)
+    assert inside == pytest.approx(np.mean(clipped == drawn), abs=0.005)
+    assert rest <= 0.25 * 3.0**2 + 1e-12  # no force in between says more than both ends
+
+
+def test_friction_on_the_load_is_foretold_with_the_play(plant):  # noqa: F811
+    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS))
+    both = Hypothesis(replace(model, effects=(RUBS, PLAY)), NOISE)
+    alone = Hypothesis(replace(model, effects=(PLAY,)), NOISE)
+    white, _ = both.predict(scene.trials)
+    assert np.mean(white**2) < 2.0
+    assert both.scaled(scene.trials)[0] > alone.scaled(scene.trials)[0] + 2000.0
+
+
+@pytest.mark.parametrize("levels", [LEVELS, {"level_positive": 0.0, "level_negative": 0.0}])
+def test_levels_are_read_from_the_balance_of_forces(plant, levels):  # noqa: F811
+    effects = (PLAY, replace(RUBS, parameters=levels)) if levels is LEVELS else (PLAY,)
+    scene, model = scene_of(plant, recorded(plant, *effects))
+    found = rubbing(scene.trials, model)
+    if levels is LEVELS:
+        assert found is not None
+        for name, level in levels.items():
+            assert found.parameters[name] == pytest.approx(level, rel=0.4)
+    else:
+        assert found is None or max(found.parameters.values()) < 1.0
+
+
+def test_play_and_friction_are_found_together_and_the_friction_keeps_its_form(plant):  # noqa: F811
+    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS))
+    scene = replace(scene, noise=partly_coloured(NOISE))
+    begun, levels = started(scene, model, (), LOOSENESS, 2)
+    assert begun is not None
+    company = accompanied(settled(begun, scene, levels), scene)
+    assert company.found.model.names == ("asymmetric_friction", "backlash")
+    dry, play = company.found.model.effects
+    assert dry.options["side"] == "load"
+    assert play.parameters["gap"] == pytest.approx(GAP, rel=0.1)
+    for name, level in LEVELS.items():
+        assert dry.parameters[name] == pytest.approx(level, rel=0.1)
+    assert set(company.rivals) <= DRY
+
+
+def test_a_play_by_itself_gets_no_company(plant):  # noqa: F811
+    scene, model = scene_of(plant, recorded(plant, PLAY))
+    scene = replace(scene, noise=partly_coloured(NOISE))
+    begun, levels = started(scene, model, (), LOOSENESS, 2)
+    assert begun is not None
+    assert accompanied(settled(begun, scene, levels), scene).found.model.names == ("backlash",)
+
+
+def test_a_gain_by_position_joins_a_play(plant):  # noqa: F811
+    gain = EffectSpec(
+        "position_dependent_gain",
+        {"linear_coefficient": 3.0, "quadratic_coefficient": 0.0, "centre": 0.02},
+    )
+    assert able(gain)
+    scene, model = scene_of(plant, recorded(plant, PLAY, gain))
+    scene = replace(scene, noise=partly_coloured(NOISE))
+    begun, levels = started(scene, model, (), LOOSENESS, 2)
+    assert begun is not None
+    found = accompanied(settled(begun, scene, levels), scene).found
+    assert found.model.names == ("position_dependent_gain", "backlash")
+
+
+def test_a_damper_is_tried_on_either_side_of_a_play():
+    """Where y is the motor's: to first order it is the whole machine's own damping."""
+    a = np.exp(-2 * np.pi * 8.0 * STEP)
+    w = np.exp((-0.02 + 1j) * 2 * np.pi * 50.0 * STEP)
+    v = np.exp((-0.02 + 1j) * 2 * np.pi * 35.0 * STEP)
+    system = Zpk(np.array([v, v.conj(), -0.99]), np.array([1.0, 0.9995, w, w.conj()]), 1e-7, STEP)
+    lead = Controller.of_error(Zpk(np.array([a]), np.array([0.7]), 500.0, STEP))
+    motor = Plant("stage", system, lead, "A", "m", "for tests", Physics(5.0, 1.0))
+    scene, model = scene_of(motor, recorded(motor))
+    play = replace(PLAY, options={"kind": "coupling"})
+    found = Hypothesis(replace(model, effects=(play,)), NOISE)
+    tried = dampers(found, scene)
+    assert {c.spec.options["side"] for c in tried} == {"motor", "load"}
+    sizes = [s.parameters["coefficient"] for s in (tried[0].spec, *tried[0].valleys)]
+    assert len(sizes) == 4
+    assert sizes == sorted(sizes)
+    damped = EffectSpec("viscous_friction", {"coefficient": 1.0}, {"side": "motor"})
+    there = replace(found, model=replace(found.model, effects=(damped, play)))
+    assert dampers(there, scene) == []
