@@ -1,12 +1,12 @@
-"""Dry friction read from the balance of forces, slower than anything that rattles.
+"""Dry friction, or a damper, read from the balance of forces, slower than anything that rattles.
 
 Averaged over a window that is long beside a machine's own oscillation a play takes nothing and gives
 nothing: what moves the whole of it is
 
-    u - d v = m a + level_positive [v > 0] - level_negative [v < 0],
+    u - d v = m a + level_positive [v > 0] - level_negative [v < 0],    or    m a + coefficient v,
 
-with u, y averaged alike, d as the model has it (beside it levels are not told well), and least squares over
-the samples in clear motion. It starts a fit and decides nothing.
+with u, y averaged alike, d as the model has it, and least squares over the samples in clear motion (the two
+at once are not told apart well). It starts a fit and decides nothing.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ffl.diagnose.hypothesis.amounts import own_damping
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
 
 PERIODS = 2.0  # of the slowest oscillation that a window lasts
 SHORTEST = 8  # samples
@@ -28,10 +29,12 @@ LEAST = 0.03  # of the RMS command: less friction hides no play
 ENOUGH = 5  # windows in either direction
 
 
-def rubbing(trials: Sequence[Trial], model: Model) -> EffectSpec | None:
-    """Levels by direction that balance the forces, without a place; None where there are as good as
-    none."""
+def rubbing(trials: Sequence[Trial], model: Model) -> list[EffectSpec]:
+    """Levels by direction that balance the forces, and a damper that does, without a place; those of them
+    that are more than next to nothing."""
     simulator = model.base.simulator
+    if not simulator.mechanics.modes or model.base.is_process:
+        return []
     step, bound = simulator.mechanics.sample_time, simulator.mechanics.modes[1:]
     slowest = min((float(np.sqrt(mode.stiffness)) for mode in bound), default=np.inf)
     window = max(SHORTEST, round(PERIODS * 2.0 * np.pi / slowest / step))
@@ -47,17 +50,26 @@ def rubbing(trials: Sequence[Trial], model: Model) -> EffectSpec | None:
         tables.append(table[inner])
         forces.append((u - damping * v)[inner])
     if not tables:
-        return None
+        return []
     table, force = np.concatenate(tables), np.concatenate(forces)
     speed = np.abs(table[:, 3])
-    clear = speed > CLEAR * np.sqrt(np.mean(speed**2))
-    table, force = table[clear, :3], force[clear]
-    if np.count_nonzero(table[:, 1:], axis=0).min() < ENOUGH * window:
-        return None
+    usual = float(np.sqrt(np.mean(speed**2)))
+    clear = speed > CLEAR * usual
+    table, force = table[clear], force[clear]
+    if np.count_nonzero(table[:, 1:3], axis=0).min() < ENOUGH * window:
+        return []
+    per, least = simulator.force_per_input, LEAST * float(np.std(force))
+    up, down = (max(level, 0.0) for level in _balanced(table[:, :3], force)[1:])
+    (slope,) = _balanced(table[:, [0, 3]], force)[1:]
+    out = []
+    if max(up, down) > least:
+        levels = {"level_positive": up * per, "level_negative": down * per}
+        out.append(EffectSpec("asymmetric_friction", levels))
+    if slope * usual > least:
+        out.append(EffectSpec("viscous_friction", {"coefficient": slope * per}))
+    return out
+
+
+def _balanced(table: Array, force: Array) -> list[float]:
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    found = np.linalg.lstsq(table / size, force, rcond=None)[0] / size
-    per = simulator.force_per_input
-    up, down = (max(float(level), 0.0) * per for level in found[1:])
-    if max(up, down) < LEAST * abs(per) * float(np.std(force)):
-        return None
-    return EffectSpec("asymmetric_friction", {"level_positive": up, "level_negative": down})
+    return [float(x) for x in np.linalg.lstsq(table / size, force, rcond=None)[0] / size]

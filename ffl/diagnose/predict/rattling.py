@@ -132,14 +132,14 @@ def started(
     scene: Scene, told: Model, named: Sequence[EffectSpec], levels: Sequence[float], most: int
 ) -> tuple[Hypothesis | None, Sequence[float]]:
     """The play to begin with, and the levels from there, of the company beside which it foretells best:
-    what was `named` of the drive and the scale, all of it that the filter can take, or dry friction as the
-    balance of forces has it on either side of the play."""
+    what was `named` of the drive and the scale, all of it that the filter can take, or dry friction or a
+    damper as the balance of forces has it, on either side of the play."""
     apart = tuple(spec for spec in named if separable(spec))
     whole = tuple(spec for spec in named if able(spec))
     companies = [apart, whole] if len(whole) > len(apart) else [apart]
-    if (dry := rubbing(scene.trials, told)) is not None:
-        places = [place for place in places_of(told) if place.side != "sensor"] or places_of(told)
-        companies += [(*apart, replace(dry, options=place.options)) for place in places]
+    places = [place for place in places_of(told) if place.side != "sensor"] or places_of(told)
+    for force in rubbing(scene.trials, told):
+        companies += [(*apart, replace(force, options=place.options)) for place in places]
     ways = [start(scene, replace(told, effects=own), levels, most) for own in companies]
     found = [
         (begun.worth(scene.trials), begun, after) for begun, after in ways if begun is not None

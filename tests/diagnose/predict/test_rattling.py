@@ -188,11 +188,20 @@ def test_a_load_behind_a_play_in_a_stage_that_the_model_has_as_rigid(rigid):
 
 def test_a_mass_beyond_the_line_is_the_same_number_under_its_other_name(rigid):
     """And so is a damping, though it acts at the motor, not on everything."""
-    scene, model = scene_of(rigid, records(rigid))
+    play = EffectSpec("backlash", {"gap": GAP}, LOAD)
+    more = (
+        EffectSpec("mass_change", {"change": 0.08}),
+        EffectSpec("viscous_friction", {"coefficient": 15.0}),
+    )
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(*more, play))))
     worn = replace(model, corrections={"mass": 0.08, "damping": 3.0})
-    before = Hypothesis(worn.with_effect(EffectSpec("backlash", {"gap": GAP}, LOAD)), NOISE)
+    before = Hypothesis(worn.with_effect(play), NOISE)
     found = crossed(before, scene)
     assert found.model.names == ("mass_change", "viscous_friction", "backlash")
+    nominal, _ = scene_of(rigid, records(replace(rigid, effects=(play,))))
+    assert crossed(before, nominal).model.names == (
+        "backlash",
+    )  # no better beyond the line than on it
     assert not {"mass", "damping"} & set(found.model.corrections)
     assert found.worth(scene.trials) > before.worth(scene.trials) - 1.0
 
