@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ffl.diagnose.contest.settle import DRY, level_of
 from ffl.diagnose.predict.foretold import refitted
-from ffl.diagnose.predict.joining import Company, Settled, Told, charged
+from ffl.diagnose.predict.joining import Company, Settled, Told, charged, in_place
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
@@ -31,8 +30,7 @@ def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     at = found.model.effects.index(own)
     tried = [found]
     for spec in _forms(own, level, trials):
-        effects = (*found.model.effects[:at], spec, *found.model.effects[at + 1 :])
-        other = refitted(replace(found, model=replace(found.model, effects=effects)), trials)
+        other = refitted(in_place(found, own.name, spec), trials)
         if charged(other, trials) > charged(found, trials) - NEAR:
             tried.append(settled(other, trials))
     tried.sort(key=lambda form: len(form.model.coordinates))

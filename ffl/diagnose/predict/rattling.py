@@ -173,12 +173,12 @@ def dampers(found: Hypothesis, scene: Scene) -> list[Candidate]:
     speed = np.concatenate([np.gradient(t.y, t.sample_time) for t in scene.trials])
     command = np.concatenate([t.u for t in scene.trials])
     rate = float(np.std(command) / np.std(speed)) * found.model.base.simulator.force_per_input
-    sizes = [EffectSpec(name, {"coefficient": rate * share}) for share in DAMPERS]
-    return [
-        Candidate(first, 0.0, 1, place, left, valleys=tuple(rest))
-        for place in places
-        for first, *rest in [[replace(s, options=place.options) for s in sizes]]
-    ]
+    out = []
+    for place in places:
+        sizes = [{"coefficient": rate * share} for share in DAMPERS]
+        first, *rest = (EffectSpec(name, size, place.options) for size in sizes)
+        out.append(Candidate(first, 0.0, 1, place, left, valleys=tuple(rest)))
+    return out
 
 
 def unexplained(scene: Scene, left: Sequence[Array], told: Model, prior: Noise) -> bool:
