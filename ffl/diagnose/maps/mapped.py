@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 
 # What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2;
 BY_POSITION, BY_VELOCITY, DAMPING, DRY, INERTIA = range(5)
-# what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling;
-BY_COMMAND, GAIN, GAIN_BY_SPEED = range(5, 8)
+# what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling, and what a limit
+# cuts off that falls with |v|;
+BY_COMMAND, GAIN, GAIN_BY_SPEED, FALLING = range(5, 9)
 # and what comes to y: g(x), g(v).
-SHOWN_POSITION, SHOWN_VELOCITY = range(8, 10)
+SHOWN_POSITION, SHOWN_VELOCITY = range(9, 11)
 BEYOND = 0.25  # of a grid's extent: a map goes on straight that far, from there it is constant
 SWEEPS = 60
 FLOOR = 1e-3  # of the largest velocity: slower than that there is no direction (`Motion.direction`)
@@ -144,6 +145,12 @@ def _command_law(p, s, io):  # type: ignore[no-untyped-def]
     """The command at the middle of the sub-step, and where the machine is then."""
     kind, n = int(p[0]), int(p[3])
     u = io[MEAN]
+    if kind == FALLING:
+        limit = max(p[HEAD] - p[HEAD + 1] * abs(io[V0]), 0.0)
+        if abs(u) > limit:
+            io[MEAN] = limit if u > 0.0 else -limit
+            io[SLOPE] = 0.0
+        return
     if kind == BY_COMMAND:
         g, slope = _at(p, HEAD + n, n, u)
         io[MEAN] += g

@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
+from ffl.diagnose.maps.falling import falling_limit
 from ffl.diagnose.maps.formula import Formula, formula
 from ffl.diagnose.maps.freeform import HELD_WORTH, FreeForm, free_form, held_gain
 from ffl.diagnose.maps.freemodel import (
@@ -118,6 +119,11 @@ def compare(
             bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found
+    if named and not at_ease:
+        falls = falling_limit(scene, held, standing, nominal)
+        if falls is not None:
+            law, *gained, said = falls
+            return Contest("unnamed", law, None, *gained, None, law.variables, formulas=(said,))
     if bursts.found and named and _told(calm, standing, left, before) < HALF:
         named = False  # what stands drew some of the bursts, and they are still there
     maps = free_form(scene, held, _without_names(standing, nominal))

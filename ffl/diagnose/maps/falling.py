@@ -1,0 +1,181 @@
+"""A limit of the command that falls with speed, as of a supply's voltage, where a fixed one was named.
+
+    |u| <= max(0, limit - fall |v|)
+
+A fixed limit stands where the falling one is lowest in the recordings, and takes enough of the mismatch to
+pass for the physics. The maps are linear in their numbers and this law is not: it is fitted by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.optimize
+
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import Place, drive_places
+from ffl.diagnose.maps.formula import Formula
+from ffl.diagnose.maps.freeform import FreeForm, held_gain
+from ffl.diagnose.maps.freemodel import FreeModel, Part
+from ffl.diagnose.maps.mapped import FALLING
+from ffl.diagnose.maps.terms import Ranges, Term, ranges_of
+from ffl.diagnose.noise.least import least_noise
+from ffl.effects import EFFECTS, Motion
+from ffl.effects.modal import is_speed
+from ffl.systems.state_space import Array
+
+NAME = "saturation"
+MARGIN = 20.0  # log-likelihood that it must gain over the fixed limit, fitted and held out alike
+STARTS = (0.0, 0.3, 0.6)  # share of the limit that is lost at the largest speed
+SIZE = 0.1  # of the limit, and of what it loses: what one is to a step
+STEP = 1e-4  # of what is one, between two simulations
+MOST = 60  # runs of a fit, those for slopes apart
+RUNAWAY = 1e6  # whitened residual in place of a run that leaves all bounds
+
+
+@dataclass(frozen=True)
+class FallingLimit(Part):
+    """`coefficients`: limit and fall, units of the command and of it per speed."""
+
+    def signal(self, motion: Motion) -> Array:
+        """What is cut off the command, (N,), with its sign."""
+        limit, fall = self.coefficients
+        allowed = np.maximum(limit - fall * np.abs(motion.v), 0.0)
+        return np.clip(motion.u, -allowed, allowed) - motion.u
+
+
+def _where_cut(motion: Motion, ranges: Ranges) -> Array:
+    """The command where it is cut, per unit of limit and of fall, (N, 2)."""
+    side = np.sign(motion.u)
+    return np.column_stack([side, -side * np.abs(motion.v)])
+
+
+TERM = Term(
+    "a limit by speed", "command", ("command", "velocity"), "sign(command)", "|command| and speed",
+    _where_cut, None, kind=FALLING, levels=lambda ranges: np.zeros(0),
+)  # fmt: skip
+
+
+def falling_limit(
+    scene: Scene, held: Scene | None, standing: Model, nominal: Model
+) -> tuple[FreeForm, float, float, Formula] | None:
+    """The falling limit in place of a named fixed one, what it gains over the names (fitted, held out), and
+    how it reads; None where there is no limit among them or it gains too little."""
+    acting = [spec.name for spec in standing.effects]
+    others = [name for name in acting if name != NAME and EFFECTS[name].port == "command"]
+    if acting.count(NAME) != 1 or others:
+        return None
+    index = acting.index(NAME)
+    limit = float(standing.effects[index].parameters["limit"])
+    beside = standing.without(index)
+    bases = [nominal, beside] if beside.effects else [nominal]
+    best: tuple[FreeForm, float, float] | None = None
+    for k, base in enumerate(bases):
+        least = MARGIN * k  # names beside it must bring what a further effect must
+        for place in _felt(base):
+            found = _fitted(scene, held, base, place, limit)
+            if found is None:
+                continue
+            fitted, held_out = _gains(scene, held, standing, found)
+            if best is None or fitted > best[1] + least:
+                best = found, fitted, held_out
+    if best is None or min(best[1:]) < MARGIN:
+        return None
+    return *best, Formula(_says(best[0].free), None, None, 1.0)
+
+
+def _felt(base: Model) -> list[Place]:
+    """Where the drive may feel the speed: as measured, and where it pushes."""
+    places = drive_places(base)
+    if len(base.simulator.mechanics.modes) == 2:
+        places.append(Place("command", "motor"))
+    return places
+
+
+def _fitted(
+    scene: Scene, held: Scene | None, base: Model, place: Place, limit: float
+) -> FreeForm | None:
+    """Least squares under the least noise that is left, the model's numbers believed as they are."""
+    motions = [base.follow(trial).motion("sensor", None) for trial in scene.trials]
+    ranges = ranges_of(motions)
+    top = max(abs(v) for v in ranges["v"])
+    if not 0.0 < top < np.inf:
+        return None
+    blank = FreeModel(base, (FallingLimit(TERM, place, np.array([limit, 0.0]), ranges),))
+    doubts = np.array([c.doubt for c in base.coordinates])
+    size = np.append([SIZE, SIZE], np.where(np.isfinite(doubts), doubts, 1.0))
+
+    def free_at(numbers: Array) -> FreeModel:
+        grown, share, *own = (numbers - 1.0) * size
+        most = limit * np.exp(grown)
+        law = replace(blank.parts[0], coefficients=np.array([most, share * most / top]))
+        return replace(blank.at(base.theta + np.array(own)), parts=(law,))
+
+    def left(numbers: Array, quiet: Scene) -> Array:
+        free = free_at(numbers)
+        residuals = quiet.residuals(free)
+        white = np.full(quiet.samples, RUNAWAY) if residuals is None else quiet.whiten(residuals)
+        return np.append(white, free.theta / doubts)
+
+    best: tuple[float, FreeModel, Scene] | None = None
+    for share in STARTS:
+        quiet, numbers = scene, np.ones(len(size))
+        # The fixed one was found between the most and the least that this one leaves.
+        numbers[:2] += np.array([-np.log(1.0 - 0.5 * share), share]) / size[:2]
+        for _ in range(2):  # under the noise that the names left, then under less
+            numbers = scipy.optimize.least_squares(
+                left, numbers, args=(quiet,), diff_step=STEP, max_nfev=MOST,
+                bounds=(np.append([-np.inf, 1.0], np.full(len(doubts), -np.inf)), np.inf),
+            ).x  # fmt: skip
+            residuals = quiet.residuals(free_at(numbers))
+            if residuals is None:
+                break
+            quiet = replace(quiet, noise=least_noise(quiet, base, residuals))
+        cost = scene.cost(free_at(numbers))
+        if best is None or cost < best[0]:
+            best = cost, free_at(numbers), quiet
+    if best is None:
+        return None
+    _, free, quiet = best
+    residuals = quiet.residuals(free)
+    if residuals is None:
+        return None
+    white = quiet.whiten(residuals)
+    held_white = np.zeros(0)
+    if held is not None and held.trials:
+        held = held.like(quiet)
+        judged = held.residuals(free)
+        if judged is None:
+            return None
+        held_white = held.judge(judged)
+    known = np.ones(len(held_white), bool)
+    return FreeForm(free, quiet, 0.0, white, held_white, known, held=held)
+
+
+def _gains(
+    scene: Scene, held: Scene | None, standing: Model, found: FreeForm
+) -> tuple[float, float]:
+    """Log-likelihood over the names, (fitted, held out), under the noise that the falling limit leaves."""
+    quiet = scene.like(found.scene)
+    names = quiet.residuals(standing)
+    if names is None:
+        return np.inf, np.inf
+    fitted = held_gain(quiet.whiten(names), found.white, np.ones(len(found.white), bool))
+    if held is None or not held.trials:
+        return fitted, fitted
+    judged = held.like(found.scene)
+    names = judged.residuals(standing)
+    if names is None:
+        return fitted, np.inf
+    return fitted, held_gain(judged.judge(names), found.held_white, found.known)
+
+
+def _says(free: FreeModel) -> str:
+    limit, fall = free.parts[0].coefficients
+    plant = free.model.base.plant
+    place = plant.output_unit or "output"
+    speed = place if is_speed(place) else f"{place}/s"
+    unit = f" {plant.input_unit}" if plant.input_unit else ""
+    return f"|command| <= {limit:.4g}{unit} - {fall:.4g} |velocity| (velocity in {speed})"
