@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import judge, raw_error
-from ffl.diagnose.contest.line import across_the_line, against_the_refused
+from ffl.diagnose.contest.line import across_the_line, against_the_refused, plainest
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
 from ffl.diagnose.hypothesis.model import Base, Model
@@ -226,6 +226,7 @@ def _named(
     if not standing.predicted:
         standing = across_the_line(standing.scene, held, standing)
         standing, outcome = against_the_refused(held, standing, outcome)
+        standing, outcome = plainest(held, standing, outcome)
     standing = with_modes_heard(held, standing)
     held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials

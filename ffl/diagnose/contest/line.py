@@ -23,11 +23,20 @@ from ffl.diagnose.contest.judging import (
 )
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import KEEP, PLIABLE, RIVALS, SUBSTITUTE, settle
+from ffl.diagnose.contest.settle import (
+    KEEP,
+    LEVEL,
+    PLAINEST,
+    PLIABLE,
+    RIVALS,
+    SUBSTITUTE,
+    level_of,
+    settle,
+)
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import Place, places_of
+from ffl.diagnose.hypothesis.places import POINT, Place, places_of
 from ffl.systems.plant import EffectSpec, Plant
 
 TIE = 4.0  # score that a simpler name may cost
@@ -35,6 +44,10 @@ LOSS = 1.5  # times the mean square left: beyond it a refit of the same number a
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant"}
+LEVELS = {  # the two that a form of dry friction has, where plain friction has one
+    "stribeck_friction": ("static_level", "coulomb_level"),
+    "asymmetric_friction": ("level_positive", "level_negative"),
+}
 TENTH = 0.1  # of a sample: the contract's line
 # The same of a linear part that was identified: its zeros came from recordings that the missing physics
 # bent, and they hold what a delay within one sample does.
@@ -146,6 +159,44 @@ def against_the_refused(
             contenders = {**contenders, **told}
         judged = across_the_line(scene, held, first)
     return judged, replace(outcome, contenders=contenders)
+
+
+def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judged, Outcome]:
+    """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
+    of a friction have come together to within their standard error: what told them apart went into other
+    numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
+    had crossed the line.)"""
+    model = judged.model
+    index = next((k for k, name in enumerate(model.names) if name in LEVELS), None)
+    if index is None or judged.predicted:
+        return judged, outcome
+    spec = model.effects[index]
+    one, other = LEVELS[spec.name]
+    apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
+    if not apart < _spread(judged, index, one) + _spread(judged, index, other):
+        return judged, outcome
+    options = {k: v for k, v in spec.options.items() if k in POINT}
+    plain = EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level_of(spec)}, options)
+    effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
+    tried = judge(judged.scene, held, replace(model, effects=effects), 8)
+    again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
+    others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
+    tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
+    if not tried.score > again.score - TIE:
+        return judged, outcome
+    names = [PLAINEST, spec.name, *(name for name, _ in others)]
+    pairs = list(zip(names, [tried, again, *rest], strict=True))
+    return tried, replace(outcome, contenders={**outcome.contenders, PLAINEST: pairs})
+
+
+def _spread(judged: Judged, index: int, name: str) -> float:
+    """Standard error of a number of effect `index`; 0 where it is not free."""
+    for c, spread in zip(judged.model.coordinates, judged.spread, strict=True):
+        if (c.kind, c.effect, c.name) == ("effect", index, name):
+            return float(spread) * (
+                float(judged.model.effects[index].parameters[name]) if c.log else 1.0
+            )
+    return 0.0
 
 
 def _netted(held: Scene | None, judged: Judged) -> Judged:

@@ -14,6 +14,7 @@ from ffl.diagnose.contest.line import (
     across_the_line,
     against_the_refused,
     on_the_line,
+    plainest,
 )
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -54,6 +55,33 @@ def test_friction_by_direction_without_a_spring_stays(stage, record):  # type: i
     scene, model = scene_of(stage, record(replace(stage, effects=(uneven,))))
     judged = judge(scene, None, model.with_effect(uneven), rounds=4)
     assert across_the_line(scene, None, judged).model.names == ("asymmetric_friction",)
+
+
+@pytest.mark.parametrize(
+    ("machine", "said"),
+    [
+        (EffectSpec("coulomb_friction", {"level": 3.0}), "coulomb_friction"),
+        (
+            EffectSpec(
+                "stribeck_friction",
+                {"coulomb_level": 2.0, "static_level": 4.0, "stribeck_velocity": 0.02},
+            ),
+            "stribeck_friction",
+        ),
+    ],
+)
+def test_two_levels_that_no_recording_tells_apart_are_one(stage, record, machine, said):  # type: ignore[no-untyped-def]
+    falling = EffectSpec(
+        "stribeck_friction", {"coulomb_level": 2.8, "static_level": 3.2, "stribeck_velocity": 0.02}
+    )
+    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
+    judged = judge(scene, None, model.with_effect(falling), rounds=30)
+    outcome = Outcome(judged, [], None, {"stribeck_friction": [("stribeck_friction", judged)]})
+    found, after = plainest(None, judged, outcome)
+    assert found.model.names == (said,)
+    if said == "coulomb_friction":
+        assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.02)
+        assert [name for name, _ in after.contenders[said]] == [said, "stribeck_friction"]
 
 
 def test_a_correction_beyond_the_line_is_held_on_it(stage, record):  # type: ignore[no-untyped-def]

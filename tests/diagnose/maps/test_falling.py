@@ -14,7 +14,7 @@ PIECES = 20  # of a sample
 
 
 def limited(plant, reference, law, seed):  # type: ignore[no-untyped-def]
-    """A recording of a mass whose force is cut off at what `law` (A) leaves at its speed, in small steps."""
+    """A recording of a mass whose force is cut off at what `law` (A) leaves at its speed."""
     lead = plant.controller.output
     zero, pole, gain = lead.zeros[0].real, lead.poles[0].real, lead.gain
     rng, noise, step = np.random.default_rng(seed), plant.machine, plant.sample_time
@@ -33,7 +33,9 @@ def limited(plant, reference, law, seed):  # type: ignore[no-untyped-def]
             x += (v + 0.5 * a * step / PIECES) * step / PIECES
             v += a * step / PIECES
     t, none = step * np.arange(len(u)), np.zeros(len(u))
-    return Recording(t, np.asarray(reference), none, u, y, sample_time=step, source=f"run_{seed}.csv")
+    return Recording(
+        t, np.asarray(reference), none, u, y, sample_time=step, source=f"run_{seed}.csv"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +49,14 @@ def answered(stage, references):  # type: ignore[no-untyped-def]
 
 def test_a_limit_that_falls_with_speed_is_unnamed_and_told_by_its_law(answered) -> None:  # type: ignore[no-untyped-def]
     answer = answered(lambda speed: 1.9 - 1.4 * speed)
-    assert answer["verdict"] == "unnamed" and not answer["effects"]
+    assert answer["verdict"] == "unnamed"
+    assert not answer["effects"]
     place = answer["location"]
     assert place["component"] == "actuator"
     assert set(place["depends_on"]) == {"command", "velocity"}
     limit, fall = map(float, re.findall(r"(\d+\.?\d*) (?:A|\|v)", place["formula"])[:2])
-    assert limit == pytest.approx(1.9, rel=0.01) and fall == pytest.approx(1.4, rel=0.05)
+    assert limit == pytest.approx(1.9, rel=0.01)
+    assert fall == pytest.approx(1.4, rel=0.05)
     assert answer["validation"]["nrmse_with_map"] < 0.05 * answer["validation"]["nrmse_before"]
 
 
