@@ -35,7 +35,6 @@ from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.warmth import warmed, with_warmth
 from ffl.systems.state_space import Array
 
-LEAST_KNOWN = 0.1  # share of held-out samples that must be known, or all are judged
 TRIED = 6  # maps of the screen that are simulated
 FINISHED = 3  # of them, fitted to convergence
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
@@ -158,8 +157,6 @@ def _judged(
         if any(run is None for run in runs):
             return None
         known = np.concatenate([_known(free, r[0].x, held) for r in runs if r])
-        if np.mean(known) < LEAST_KNOWN:
-            known = np.ones_like(known)
         missed = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
         white = held.judge(missed, known)
     return FreeForm(free, scene, gain, left, white, known, held=held)
@@ -362,6 +359,8 @@ def _promise(before: FreeForm, after: FreeForm) -> float:
     """See `promise`, where the maps are known."""
     if not before.held_white.size:
         return np.inf
+    if not after.known.any():
+        return 0.0
     return promise(after.held_white[after.known], before.held_white[after.known])
 
 

@@ -286,14 +286,14 @@ def _gains(
         rivals.append(nominal)
         if 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
             rivals.append(bare)
-    gained, promised = [], []
+    gained, promised, seen = [], [], bool(alone.known.any())
     for rival in rivals:
         left = judged.residuals(rival)
         white = np.full(len(alone.held_white), np.inf)
         if left is not None:
             white = judged.judge(left, alone.known)
         gained.append(held_gain(white, alone.held_white, alone.known))
-        promised.append(promise(white[alone.known], alone.held_white[alone.known]))
+        promised.append(promise(white[alone.known], alone.held_white[alone.known]) if seen else 0.0)
     return fitted, min(gained), max(promised)
 
 
@@ -310,6 +310,8 @@ def _nearly(
         none, named = ground.residuals(bare), ground.residuals(standing)
         if none is None or named is None:
             return False
+        if not known.any():
+            continue
         whole, some, least = (
             float(np.mean(x[known] ** 2))
             for x in (ground.judge(none, known), ground.judge(named, known), white)
@@ -333,6 +335,8 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
         nothing = scene.residuals(nominal)
         if without is None or nothing is None:
             return True
+        if not known.any():
+            continue
         if held_gain(scene.judge(without, known), white, known) < MARGIN:
             return False
         whole, some, none = (
