@@ -41,6 +41,7 @@ SHARE = 0.004  # of the number of samples: log-likelihood that a further map mus
 RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
 HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
+FAR = 2.5  # times what another map leaves: a map that leaves more is not nearly right
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
 
 
@@ -235,7 +236,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         for k, f in enumerate(tried)
         if k < FINISHED or any(f.parts[-1].same(part) for part in first)
     ]
-    done = [f for f in each(finished, matter) if _earns(f, current)]
+    done = _not_far([f for f in each(finished, matter) if _earns(f, current)])
     if not any(_score(f, current) > 0 for f in done):
         return None
     best = min(
@@ -265,12 +266,25 @@ def _alike(f: FreeForm, best: FreeForm) -> bool:
 
 
 def _weighed(f: FreeForm, before: FreeForm) -> FreeForm:
-    """`f` with the evidence of its last map along the motion that all of them make, no more than they take
-    off: to first order beside the loop without it, what enters at the sensor is told short."""
+    """`f` with the evidence of its last map along the motion that all of them make where that is more, and
+    no more than they take off: to first order beside the loop without it, what enters at the sensor is told
+    short. (What a machine began warm with is a gain to first order: beside it heat is told short there.)"""
     left = before.scene.like(f.scene).residuals(before.free)
     whole = before.cost if left is None else float(np.sum(f.scene.whiten(left) ** 2))
-    gain = last_gain(FreeScreen(f.scene, f.free), f.free)
+    gain = max(f.evidence - before.evidence, last_gain(FreeScreen(f.scene, f.free), f.free))
     return replace(f, evidence=before.evidence + min(gain, 0.5 * (whole - f.cost)))
+
+
+def _not_far(done: Sequence[FreeForm]) -> list[FreeForm]:
+    """Those beside whom no other leaves so much less, in the fitted and in the held-out recordings alike,
+    that they are not nearly right, whatever they took off. (Of heat in a servo's stage a map that sees
+    the command as recorded took off nine tenths, feedback's answer in it, and left eight times what heat
+    left.)"""
+    return [
+        f
+        for f in done
+        if not any(FAR * g.cost < f.cost and FAR * g.held_cost < f.held_cost for g in done)
+    ]
 
 
 def _no_worse(done: Sequence[FreeForm], current: FreeForm) -> list[FreeForm]:

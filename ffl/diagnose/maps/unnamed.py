@@ -16,7 +16,7 @@ from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
 from ffl.diagnose.maps.falling import falling_limit
 from ffl.diagnose.maps.formula import Formula, formula
-from ffl.diagnose.maps.freeform import HELD_WORTH, FreeForm, free_form, held_gain
+from ffl.diagnose.maps.freeform import FAR, HELD_WORTH, FreeForm, free_form, held_gain
 from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
@@ -37,9 +37,6 @@ MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held o
 SURE = 40.0  # of the fitted recordings, where the held-out ones lean that way (true names: 18)
 QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
-FAR = (
-    2.5  # times what maps leave: names that leave more are not nearly right, whatever they took off
-)
 EARNED = 0.05  # share of the mismatch that names must take off beside maps
 MANY = 20  # draws of noise that bursts are held against before they are called events
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
