@@ -4,6 +4,7 @@ what recordings that hardly show it say of them."""
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -95,6 +96,44 @@ def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, refere
     passed_by = replace(bare, held_white=noise + bend, evidence=1e4)
     assert _earns(passed_by, bare)
     assert not _earns(replace(passed_by, evidence=2000.0), bare)
+
+
+def test_what_lies_beyond_the_fitted_stroke_neither_confirms_nor_refutes_a_map(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    """The ripple goes on where no map was fitted: a map is another there, and is not asked."""
+
+    def ripple(x, v):  # type: ignore[no-untyped-def]
+        return 4.0 * np.sin(2 * np.pi * x / 0.012)
+
+    paths = references[0], -references[1][200:2000]  # at once, and not back
+    runs = [recorded(stage, r, k, force=ripple) for k, r in enumerate(paths)]
+    *_, found = free_form(*scenes(runs))
+    assert found.name == "position"
+    assert found.untold
+    assert found.known.mean() < 0.1
+    assert found.cost < 1.5 * len(found.white)
+
+
+def test_a_map_that_leaves_far_more_than_another_is_not_it() -> None:
+    """Whatever it took off; one that leaves more in the fitted recordings alone stays."""
+    best, near, far = (
+        SimpleNamespace(cost=cost, held_cost=held)
+        for cost, held in ((1.0, 1.0), (9.0, 1.2), (8.0, 8.0))
+    )
+    assert freeform._not_far([best, near, far]) == [best, near]
+
+
+@pytest.mark.parametrize(("told", "wanted"), [(5.0, 30.0), (60.0, 60.0), (1e6, None)])
+def test_evidence_where_a_map_ends_adds_to_what_it_had_and_no_more_than_it_took_off(
+    stage, references, scenes, monkeypatch, told, wanted
+):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 1, force=lambda x, v: 0.0 * x)
+    before = freeform.bare(*scenes([run]))
+    after = replace(before, white=0.1 * before.white, evidence=30.0)
+    monkeypatch.setattr(freeform, "last_gain", lambda screen, free: told)
+    found = freeform._weighed(after, before).evidence
+    assert found == pytest.approx(0.5 * (before.cost - after.cost) if wanted is None else wanted)
 
 
 def test_knocks_that_never_leave_it_quiet_are_events_where_the_noise_is_stated(
