@@ -17,7 +17,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, drive_places
 from ffl.diagnose.maps.formula import Formula
-from ffl.diagnose.maps.freeform import FreeForm, held_gain
+from ffl.diagnose.maps.freeform import FreeForm
 from ffl.diagnose.maps.freemodel import FreeModel, Part
 from ffl.diagnose.maps.mapped import FALLING
 from ffl.diagnose.maps.terms import Ranges, Term, ranges_of
@@ -27,7 +27,6 @@ from ffl.effects.modal import is_speed
 from ffl.systems.state_space import Array
 
 NAME = "saturation"
-MARGIN = 20.0  # log-likelihood that it must gain over the fixed limit, fitted and held out alike
 STARTS = (0.0, 0.3, 0.6)  # share of the limit that is lost at the largest speed
 SIZE = 0.1  # of the limit, and of what it loses: what one is to a step
 STEP = 1e-4  # of what is one, between two simulations
@@ -58,32 +57,33 @@ TERM = Term(
 )  # fmt: skip
 
 
-def falling_limit(
+def falling_limits(
     scene: Scene, held: Scene | None, standing: Model, nominal: Model
-) -> tuple[FreeForm, float, float, Formula] | None:
-    """The falling limit in place of a named fixed one, what it gains over the names (fitted, held out), and
-    how it reads; None where there is no limit among them or it gains too little."""
-    acting = [spec.name for spec in standing.effects]
-    others = [name for name in acting if name != NAME and EFFECTS[name].port == "command"]
-    if acting.count(NAME) != 1 or others:
-        return None
-    index = acting.index(NAME)
-    limit = float(standing.effects[index].parameters["limit"])
-    beside = standing.without(index)
-    bases = [nominal, beside] if beside.effects else [nominal]
-    best: tuple[FreeForm, float, float] | None = None
-    for k, base in enumerate(bases):
-        least = MARGIN * k  # names beside it must bring what a further effect must
-        for place in _felt(base):
-            found = _fitted(scene, held, base, place, limit)
-            if found is None:
-                continue
-            fitted, held_out = _gains(scene, held, standing, found)
-            if best is None or fitted > best[1] + least:
-                best = found, fitted, held_out
-    if best is None or min(best[1:]) < MARGIN:
-        return None
-    return *best, Formula(_says(best[0].free), None, None, 1.0)
+) -> list[FreeForm]:
+    """The falling limit in place of the fixed one that is named: alone, and beside the other names where
+    there are any; none where no limit stands, or not by itself at the command."""
+    at_command = [k for k, e in enumerate(standing.effects) if EFFECTS[e.name].port == "command"]
+    if [standing.effects[k].name for k in at_command] != [NAME]:
+        return []
+    limit = float(standing.effects[at_command[0]].parameters["limit"])
+    others = standing.without(at_command[0])
+    out = []
+    for base in [nominal, others] if others.effects else [nominal]:
+        tried = [_fitted(scene, held, base, place, limit) for place in _felt(base)]
+        if found := [one for one in tried if one is not None]:
+            out.append(min(found, key=lambda one: scene.cost(one.free)))
+    return out
+
+
+def law(free: FreeModel) -> Formula:
+    """The falling limit in words."""
+    limit, fall = free.parts[0].coefficients
+    plant = free.model.base.plant
+    place = plant.output_unit or "output"
+    speed = place if is_speed(place) else f"{place}/s"
+    unit = f" {plant.input_unit}" if plant.input_unit else ""
+    said = f"|command| <= {limit:.4g}{unit} - {fall:.4g} |velocity| (velocity in {speed})"
+    return Formula(said, None, None, 1.0)
 
 
 def _felt(base: Model) -> list[Place]:
@@ -152,30 +152,3 @@ def _fitted(
         held_white = held.judge(judged)
     known = np.ones(len(held_white), bool)
     return FreeForm(free, quiet, 0.0, white, held_white, known, held=held)
-
-
-def _gains(
-    scene: Scene, held: Scene | None, standing: Model, found: FreeForm
-) -> tuple[float, float]:
-    """Log-likelihood over the names, (fitted, held out), under the noise that the falling limit leaves."""
-    quiet = scene.like(found.scene)
-    names = quiet.residuals(standing)
-    if names is None:
-        return np.inf, np.inf
-    fitted = held_gain(quiet.whiten(names), found.white, np.ones(len(found.white), bool))
-    if held is None or not held.trials:
-        return fitted, fitted
-    judged = held.like(found.scene)
-    names = judged.residuals(standing)
-    if names is None:
-        return fitted, np.inf
-    return fitted, held_gain(judged.judge(names), found.held_white, found.known)
-
-
-def _says(free: FreeModel) -> str:
-    limit, fall = free.parts[0].coefficients
-    plant = free.model.base.plant
-    place = plant.output_unit or "output"
-    speed = place if is_speed(place) else f"{place}/s"
-    unit = f" {plant.input_unit}" if plant.input_unit else ""
-    return f"|command| <= {limit:.4g}{unit} - {fall:.4g} |velocity| (velocity in {speed})"

@@ -14,7 +14,7 @@ from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
-from ffl.diagnose.maps.falling import falling_limit
+from ffl.diagnose.maps.falling import falling_limits, law
 from ffl.diagnose.maps.formula import Formula, formula
 from ffl.diagnose.maps.freeform import FAR, HELD_WORTH, FreeForm, free_form, held_gain
 from ffl.diagnose.maps.freemodel import (
@@ -117,10 +117,9 @@ def compare(
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found
     if named and not at_ease:
-        falls = falling_limit(scene, held, standing, nominal)
+        falls = _falling(scene, held, standing, nominal)
         if falls is not None:
-            law, *gained, said = falls
-            return Contest("unnamed", law, None, *gained, None, law.variables, formulas=(said,))
+            return falls
     if bursts.found and named and _told(calm, standing, left, before) < HALF:
         named = False  # what stands drew some of the bursts, and they are still there
     maps = free_form(scene, held, _without_names(standing, nominal))
@@ -192,6 +191,20 @@ def _led(
     if found.far and not standing.effects:
         found = fit(quiet, nominal, rounds=0)
     return measured(calm, held, found)
+
+
+def _falling(scene: Scene, held: Scene | None, standing: Model, nominal: Model) -> Contest | None:
+    """A limit that falls with speed, where it says more than a fixed one that is named; names beside it
+    must bring what a further effect must."""
+    best: tuple[FreeForm, float, float] | None = None
+    for one in falling_limits(scene, held, standing, nominal):
+        fitted, held_out, _ = _gains(scene, held, standing, nominal, one)
+        if best is None or fitted > best[1] + MARGIN:
+            best = one, fitted, held_out
+    if best is None or min(best[1:]) < MARGIN:
+        return None
+    one, *gains = best
+    return Contest("unnamed", one, None, *gains, None, one.variables, formulas=(law(one.free),))
 
 
 def _lost(lost: Dropouts, fitted: float, held_out: float) -> bool:
