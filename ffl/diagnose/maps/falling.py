@@ -17,7 +17,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, drive_places
 from ffl.diagnose.maps.formula import Formula
-from ffl.diagnose.maps.freeform import FreeForm
+from ffl.diagnose.maps.freeform import FreeForm, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part
 from ffl.diagnose.maps.mapped import FALLING
 from ffl.diagnose.maps.terms import Ranges, Term, ranges_of
@@ -136,19 +136,4 @@ def _fitted(
         cost = scene.cost(free_at(numbers))
         if best is None or cost < best[0]:
             best = cost, free_at(numbers), quiet
-    if best is None:
-        return None
-    _, free, quiet = best
-    residuals = quiet.residuals(free)
-    if residuals is None:
-        return None
-    white = quiet.whiten(residuals)
-    held_white = np.zeros(0)
-    if held is not None and held.trials:
-        held = held.like(quiet)
-        judged = held.residuals(free)
-        if judged is None:
-            return None
-        held_white = held.judge(judged)
-    known = np.ones(len(held_white), bool)
-    return FreeForm(free, quiet, 0.0, white, held_white, known, held=held)
+    return None if best is None else judged(best[2], held, best[1], 0.0)

@@ -139,13 +139,14 @@ def bare(scene: Scene, held: Scene | None, model: Model) -> FreeForm | None:
         return None
     quiet = replace(scene, noise=least_noise(scene, model, residuals))
     fitted = fit(quiet, model)
-    return _judged(replace(quiet, loop=fitted.loop), held, FreeModel(fitted.model), 0.0)
+    return judged(replace(quiet, loop=fitted.loop), held, FreeModel(fitted.model), 0.0)
 
 
-def _judged(
+def judged(
     scene: Scene, held: Scene | None, free: FreeModel, gain: float, left: Array | None = None
 ) -> FreeForm | None:
-    """`left`: the whitened residual, where it is known."""
+    """`free` with what it leaves, fitted and held out; None where it leaves all bounds. `left`: the
+    whitened residual, where it is known."""
     if left is None:
         residuals = scene.residuals(free)
         if residuals is None:
@@ -325,7 +326,7 @@ def _started(f: FreeForm) -> FreeForm:
         return f
     running = Running(f.free)
     scene, *others = (with_starts(ground.like(f.scene), running) for ground in grounds)
-    return _judged(scene, others[0] if others else None, f.free, f.evidence) or f
+    return judged(scene, others[0] if others else None, f.free, f.evidence) or f
 
 
 def _quieter(found: FreeForm) -> FreeForm:
@@ -397,4 +398,4 @@ def _fitted(
     if found is None:
         return None
     free, now, gained = found
-    return _judged(screen.scene, held, free, before + min(gain, 0.5 * gained), now.white)
+    return judged(screen.scene, held, free, before + min(gain, 0.5 * gained), now.white)
