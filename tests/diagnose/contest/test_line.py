@@ -57,6 +57,18 @@ def test_friction_by_direction_without_a_spring_stays(stage, record):  # type: i
     assert across_the_line(scene, None, judged).model.names == ("asymmetric_friction",)
 
 
+def test_more_mass_of_a_stage_that_a_play_divides_is_more_in_all_its_parts(stage, record):  # type: ignore[no-untyped-def]
+    behind = {"kind": "load", "load_fraction": 0.3, "frequency": 40.0, "damping": 0.1}
+    play = EffectSpec("backlash", {"gap": 3e-4}, {**behind, "measured": "motor"})
+    heavier = EffectSpec("mass_change", {"change": 0.08}, {"side": "all"})
+    scene, model = scene_of(stage, record(replace(stage, effects=(play, heavier))))
+    begun = replace(model, corrections={"mass": 0.08}).with_effect(play)
+    found = across_the_line(scene, None, judge(scene, None, begun, rounds=4)).model
+    assert found.names == ("backlash", "mass_change")
+    assert found.effects[1].parameters["change"] == pytest.approx(0.08, abs=0.005)
+    assert found.effects[1].options == {"side": "all"}
+
+
 @pytest.mark.parametrize(
     ("machine", "said"),
     [
