@@ -277,10 +277,9 @@ def _weighed(f: FreeForm, before: FreeForm) -> FreeForm:
 
 
 def _not_far(done: Sequence[FreeForm]) -> list[FreeForm]:
-    """Those beside whom no other leaves so much less, in the fitted and in the held-out recordings alike,
-    that they are not nearly right, whatever they took off. (Of heat in a servo's stage a map that sees
-    the command as recorded took off nine tenths, feedback's answer in it, and left eight times what heat
-    left.)"""
+    """Those beside whom no other leaves so much less, fitted and held out alike, that they are not nearly
+    right, whatever they took off. (Of heat in a servo's stage a map that sees the command as recorded took
+    off nine tenths, feedback's answer in it, and left eight times what heat left.)"""
     return [
         f
         for f in done
