@@ -98,10 +98,13 @@ def _fitted(
     scene: Scene, held: Scene | None, base: Model, place: Place, limit: float
 ) -> FreeForm | None:
     """Least squares under the least noise that is left, the model's numbers believed as they are."""
-    motions = [base.follow(trial).motion("sensor", None) for trial in scene.trials]
+    runs = [base.attempt(trial) for trial in scene.trials]
+    motions = [run.motion("sensor", None) for run in runs if run is not None]
+    if len(motions) < len(runs):
+        return None
     ranges = ranges_of(motions)
     top = max(abs(v) for v in ranges["v"])
-    if not 0.0 < top < np.inf:
+    if not top > 0.0:
         return None
     blank = FreeModel(base, (FallingLimit(TERM, place, np.array([limit, 0.0]), ranges),))
     doubts = np.array([c.doubt for c in base.coordinates])
@@ -110,8 +113,8 @@ def _fitted(
     def free_at(numbers: Array) -> FreeModel:
         grown, share, *own = (numbers - 1.0) * size
         most = limit * np.exp(grown)
-        law = replace(blank.parts[0], coefficients=np.array([most, share * most / top]))
-        return replace(blank.at(base.theta + np.array(own)), parts=(law,))
+        part = replace(blank.parts[0], coefficients=np.array([most, share * most / top]))
+        return replace(blank.at(base.theta + np.array(own)), parts=(part,))
 
     def left(numbers: Array, quiet: Scene) -> Array:
         free = free_at(numbers)

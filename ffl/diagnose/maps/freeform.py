@@ -40,8 +40,8 @@ FINISHED = 3  # of them, fitted to convergence
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
 RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
 HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
-SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
 FAR = 2.5  # times what another map leaves: a map that leaves more is not nearly right
+SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
 
 
