@@ -321,6 +321,11 @@ def promise(rival: Array, base: Array) -> float:
     return 0.5 * float(np.sum((rival - base) ** 2))
 
 
+def promised(rival: Array, base: Array, known: Array) -> float:
+    """See `promise`, of the samples that are `known`: nothing where none is."""
+    return promise(rival[known], base[known]) if known.any() else 0.0
+
+
 def _worth(judged: Judged) -> float:
     """Share of the held-out samples that are independent."""
     return judged.independent / max(len(judged.held_white), 1)

@@ -25,18 +25,17 @@ from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import (
     KEEP,
-    LEVEL,
     PLAINEST,
     PLIABLE,
     RIVALS,
     SUBSTITUTE,
-    level_of,
+    plain_form,
     settle,
 )
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import POINT, Place, places_of
+from ffl.diagnose.hypothesis.places import Place, places_of
 from ffl.effects import EFFECTS, Effect
 from ffl.systems.plant import EffectSpec, Plant
 
@@ -183,8 +182,8 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
     if not apart < _spread(judged, index, one) + _spread(judged, index, other):
         return judged, outcome
-    options = {k: v for k, v in spec.options.items() if k in POINT}
-    plain = EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level_of(spec)}, options)
+    plain = plain_form(spec)
+    assert plain is not None
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
     tried = judge(judged.scene, held, replace(model, effects=effects), 8)
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise

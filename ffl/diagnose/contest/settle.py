@@ -356,14 +356,22 @@ def challengers(
     return [*plain, *chosen, *others][:CHALLENGERS]
 
 
+def plain_form(spec: EffectSpec) -> EffectSpec | None:
+    """The plainest form of a dry friction, with its level in the mean, where that acts; None of the
+    plainest itself, and of what is no such friction."""
+    level = level_of(spec) if spec.name in DRY - {PLAINEST} else None
+    if level is None:
+        return None
+    options = {k: v for k, v in spec.options.items() if k in POINT}
+    return EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level}, options)
+
+
 def _plainest(spec: EffectSpec, like: Fit) -> list[Candidate]:
     """The plainest form of a friction that stands, where that acts, whatever a screen promises of it:
     without friction a loop at its limit may run away, and no column beside that says anything."""
-    level = level_of(spec) if spec.name in DRY - {PLAINEST} else None
-    if level is None:
+    plain = plain_form(spec)
+    if plain is None:
         return []
-    options = {k: v for k, v in spec.options.items() if k in POINT}
-    plain = EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level}, options)
     return [Candidate(plain, 0.0, 1, point_of(spec), like)]
 
 

@@ -20,7 +20,7 @@ from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freeform import FreeForm, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part
 from ffl.diagnose.maps.mapped import FALLING
-from ffl.diagnose.maps.terms import Ranges, Term, ranges_of
+from ffl.diagnose.maps.terms import TERMS, ranges_of
 from ffl.diagnose.noise.least import least_noise
 from ffl.effects import EFFECTS, Motion
 from ffl.effects.modal import is_speed
@@ -45,15 +45,9 @@ class FallingLimit(Part):
         return np.clip(motion.u, -allowed, allowed) - motion.u
 
 
-def _where_cut(motion: Motion, ranges: Ranges) -> Array:
-    """The command where it is cut, per unit of limit and of fall, (N, 2)."""
-    side = np.sign(motion.u)
-    return np.column_stack([side, -side * np.abs(motion.v)])
-
-
-TERM = Term(
-    "a limit by speed", "command", ("command", "velocity"), "sign(command)", "|command| and speed",
-    _where_cut, None, kind=FALLING, levels=lambda ranges: np.zeros(0),
+TERM = replace(
+    next(term for term in TERMS if term.name == "limit by speed"),
+    side="sensor", kind=FALLING, levels=lambda ranges: np.zeros(0),
 )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from ffl.diagnose.contest.judging import (
     QUIET,
     UNTOLD,
     effective,
-    promise,
+    promised,
 )
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
@@ -370,12 +370,10 @@ def _earns(f: FreeForm, before: FreeForm) -> bool:
 
 
 def _promise(before: FreeForm, after: FreeForm) -> float:
-    """See `promise`, where the maps are known."""
+    """See `promised`, where the maps are known."""
     if not before.held_white.size:
         return np.inf
-    if not after.known.any():
-        return 0.0
-    return promise(after.held_white[after.known], before.held_white[after.known])
+    return promised(after.held_white, before.held_white, after.known)
 
 
 def _untold(before: FreeForm, after: FreeForm) -> bool:

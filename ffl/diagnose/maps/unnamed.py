@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
-from ffl.diagnose.contest.judging import BOTH, LOST, OPEN, UNTOLD, promise
+from ffl.diagnose.contest.judging import BOTH, LOST, OPEN, UNTOLD, promised
 from ffl.diagnose.contest.scene import Scene, is_far
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
@@ -130,7 +130,7 @@ def compare(
         if drawn is not None:
             gained = drawn.evidence
             return Contest("unnamed", drawn, None, gained, 0.0, None, drawn.variables, led=True)
-    fitted, held_out, promised = (
+    fitted, held_out, likely = (
         _gains(scene, held, standing, nominal, alone) if alone else (0.0, 0.0, 0.0)
     )
     gains = fitted, held_out
@@ -156,7 +156,7 @@ def compare(
         # quite still where there is nothing.
         winning = _cost(scene, standing, alone) > FAR * alone.cost
         # Where they can hardly tell names from maps the fitted ones do.
-        winning = winning or promised < HELD_WORTH
+        winning = winning or likely < HELD_WORTH
     if at_ease and not winning:
         return Contest("named", alone, None, *gains, bursts)
     only = [p.term.name for p in alone.parts] if alone and winning else []
@@ -296,15 +296,15 @@ def _gains(
         rivals.append(nominal)
         if 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
             rivals.append(bare)
-    gained, promised, seen = [], [], bool(alone.known.any())
+    gained, told = [], []
     for rival in rivals:
         left = judged.residuals(rival)
         white = np.full(len(alone.held_white), np.inf)
         if left is not None:
             white = judged.judge(left, alone.known)
         gained.append(held_gain(white, alone.held_white, alone.known))
-        promised.append(promise(white[alone.known], alone.held_white[alone.known]) if seen else 0.0)
-    return fitted, min(gained), max(promised)
+        told.append(promised(white, alone.held_white, alone.known))
+    return fitted, min(gained), max(told)
 
 
 def _nearly(
