@@ -11,30 +11,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.ndimage
 import scipy.optimize
-import scipy.signal
 
+from ffl.diagnose.recorded.compared import FACTOR, compared, moved_by
+from ffl.diagnose.recorded.early import early
 from ffl.diagnose.recorded.sound import Fault
-from ffl.effects.modal import is_speed
 from ffl.recordings import Recording
 from ffl.recordings.units import factor_between, looks_like
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
-from ffl.systems.zpk import as_state_space
 
 ALIKE = 0.2  # of y's variance: what a factor must leave at most to be all that is wrong
 UNALIKE = 0.5  # and with u and y as they are named, if these are exchanged
 SAME = 0.02  # the same with u and y exchanged
-FACTOR = 3.0  # by which no model is off
 LONGEST = 20000  # samples looked at
-STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
-SPAN = 5  # samples over which the speed is read
 BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to speak against it
 LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried, and
 # limits by the largest: a controller winds up beyond its drive's.
 OF_LARGEST = np.geomspace(1e-4, 0.5, 8)
-CORNER = 0.3  # of the mean frequency of u: where that begins
 
 
 def mistakes(
@@ -64,7 +58,7 @@ def in_other_units(plant: Plant, recording: Recording) -> Fault | None:
 
 
 def mistaken(plant: Plant, recording: Recording) -> Fault | None:
-    """Unit, and in open loop sign or columns, by what the model makes of u."""
+    """Unit, and in open loop sign, columns or time base, by what the model makes of u."""
     if plant.effects or "u" in recording.missing or recording.d is not None:
         return None
     n = min(len(recording), LONGEST)
@@ -89,7 +83,7 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
     wrong = left < ALIKE and factor > 0 and not 1.0 / FACTOR < factor < FACTOR
     if wrong and not (factor < 1.0 and _held_back(plant, u, y, left)):
         return Fault(name, "unit", "the unit of y or u, or the plant's gain", too_large(factor))
-    return None
+    return early(plant, recording) if alone else None
 
 
 def too_large(factor: float) -> str:
@@ -109,13 +103,12 @@ def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
     (Drag of 160 v|v| N under water makes y a quarter of what G makes of u, but for 0.048 of its variance;
     with drag 0.0001 is left. A controller that winds up behind its limit makes of y a thousandth. A wrong
     unit is the same at every amplitude.)"""
-    v = y if is_speed(plant.output_unit) else np.gradient(scipy.ndimage.uniform_filter1d(y, SPAN))
-    x, size = y - np.mean(y), np.abs(u)
+    size = np.abs(u)
     levels = [*np.quantile(size, LEVELS), *(size.max() * OF_LARGEST)]
-    moved = [v * np.abs(v), np.sign(v), x**3]
+    moved = moved_by(plant, y)
     cut = [u - np.clip(u, -level, level) for level in levels]
-    made, out = _compared(plant, u, y)
-    table = np.column_stack([_compared(plant, force, y, by=u)[0] for force in [*moved, *cut]])
+    made, out = compared(plant, u, y)
+    table = np.column_stack([compared(plant, force, y, by=u)[0] for force in [*moved, *cut]])
     whole = float(out @ out)
     if whole <= 0.0 or not np.all(np.isfinite(table)):
         return False
@@ -134,26 +127,9 @@ def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
 
 def _factor(plant: Plant, drive: Array, out: Array) -> tuple[float, float]:
     """(k, share of `out`'s variance that is left) of out = k G drive + a constant."""
-    made, out = _compared(plant, drive, out)
+    made, out = compared(plant, drive, out)
     power, whole = float(made @ made), float(out @ out)
     if power <= 0.0 or whole <= 0.0:
         return 1.0, 1.0
     k = float(made @ out) / power
     return k, max(0.0, 1.0 - k * float(made @ out) / whole)
-
-
-def _compared(
-    plant: Plant, drive: Array, out: Array, by: Array | None = None
-) -> tuple[Array, Array]:
-    """G drive and `out`, less their means, once the start is forgotten; where G integrates above a corner,
-    that of the drive `by`."""
-    drive, out = drive - drive[0], out - out[0]
-    led = drive if by is None else by
-    power = np.abs(np.fft.rfft(led - led.mean())) ** 2
-    cycles = float(power @ np.fft.rfftfreq(len(led))) / max(float(power.sum()), 1e-300)
-    pole = np.exp(-2.0 * np.pi * CORNER * cycles)
-    for _ in range(int(np.sum(np.abs(plant.system.poles) > STILL))):
-        drive, out = (scipy.signal.lfilter([1.0, -1.0], [1.0, -pole], x) for x in (drive, out))
-    made = np.atleast_1d(as_state_space(plant.system).filter(drive))
-    made, out = made[len(made) // 10 :], out[len(out) // 10 :]
-    return made - made.mean(), out - out.mean()

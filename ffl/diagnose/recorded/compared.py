@@ -1,0 +1,40 @@
+"""What the model makes of u laid beside y, and forces along the motion as measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+import scipy.signal
+
+from ffl.effects.modal import is_speed
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+from ffl.systems.zpk import as_state_space
+
+FACTOR = 3.0  # by which no model is off
+STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
+CORNER = 0.3  # of the mean frequency of u: where that begins
+SPAN = 5  # samples over which the speed is read
+
+
+def moved_by(plant: Plant, y: Array) -> list[Array]:
+    """What drag, dry friction and a spring that hardens depend on, along the motion as measured."""
+    v = y if is_speed(plant.output_unit) else np.gradient(scipy.ndimage.uniform_filter1d(y, SPAN))
+    return [v * np.abs(v), np.sign(v), (y - np.mean(y)) ** 3]
+
+
+def compared(
+    plant: Plant, drive: Array, out: Array, by: Array | None = None
+) -> tuple[Array, Array]:
+    """G drive and `out`, less their means, once the start is forgotten; where G integrates above a corner,
+    that of the drive `by`."""
+    drive, out = drive - drive[0], out - out[0]
+    led = drive if by is None else by
+    power = np.abs(np.fft.rfft(led - led.mean())) ** 2
+    cycles = float(power @ np.fft.rfftfreq(len(led))) / max(float(power.sum()), 1e-300)
+    pole = np.exp(-2.0 * np.pi * CORNER * cycles)
+    for _ in range(int(np.sum(np.abs(plant.system.poles) > STILL))):
+        drive, out = (scipy.signal.lfilter([1.0, -1.0], [1.0, -pole], x) for x in (drive, out))
+    made = np.atleast_1d(as_state_space(plant.system).filter(drive))
+    made, out = made[len(made) // 10 :], out[len(out) // 10 :]
+    return made - made.mean(), out - out.mean()
