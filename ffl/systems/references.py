@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,8 @@ def move_times(move: Move) -> tuple[float, float, float, float]:
     the highest attainable velocity, acceleration or jerk replaces the limit.
     """
     distance = abs(move.distance)
+    if distance == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
     limits = {"velocity": move.velocity, "acceleration": move.acceleration, "jerk": move.jerk}
     if move.snap is not None:
         limits["snap"] = move.snap
@@ -56,9 +59,7 @@ def move_times(move: Move) -> tuple[float, float, float, float]:
         full = move.acceleration
         if velocity / full >= ramp(full):
             return full
-        return float(
-            brentq(lambda a: velocity / a - ramp(a), full * 1e-12, full, xtol=1e-15 * full)
-        )
+        return _highest(lambda a: velocity / a - ramp(a), full)
 
     def excess(velocity: float) -> float:
         a = acceleration_for(velocity)
@@ -66,10 +67,18 @@ def move_times(move: Move) -> tuple[float, float, float, float]:
 
     v = move.velocity
     if excess(v) < 0:
-        v = float(brentq(excess, v * 1e-12, v, xtol=1e-15 * v))
+        v = _highest(excess, v)
     a = acceleration_for(v)
     j = jerk_for(a)
     return distance / v, v / a, a / j, j / snap
+
+
+def _highest(room: Callable[[float], float], limit: float) -> float:
+    """Where `room`, which falls and is negative at `limit`, ends."""
+    low = limit
+    while room(low) < 0:
+        low *= 1e-3
+    return float(brentq(room, low, limit, xtol=1e-15 * limit))
 
 
 def moves(sequence: list[Move], duration: float, sample_time: float) -> Array:

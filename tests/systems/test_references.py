@@ -32,6 +32,17 @@ def test_moves_arrive_and_keep_their_limits(log_distance, velocity, acceleration
     assert third <= jerk * slack + 1e-6 * jerk + 1e-13 / T**3
 
 
+@pytest.mark.parametrize("distance", [0.0, 1e-30, 1e-9])
+def test_a_move_of_next_to_nothing_takes_next_to_no_time(distance):
+    from ffl.systems.references import move_times
+
+    times = move_times(Move(0.1, distance, 1.0, 1.0, 50.0))
+    assert sum(times) <= 0.01
+    if distance:
+        assert distance / times[0] <= 1.0
+        assert distance / np.prod(times[:3]) <= 50.0 * (1 + 1e-9)
+
+
 def test_a_long_move_uses_its_limits_and_rests_before():
     r = moves([Move(1.0, 0.5, 0.2, 2.0, 50.0)], 6.0, T)
     assert np.all(r[:1000] == 0)

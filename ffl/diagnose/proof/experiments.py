@@ -15,6 +15,8 @@ from ffl.systems.state_space import Array
 REST = 0.3  # s of rest before, between and after moves
 LONGEST = 10.0  # s, or
 LEAST = 2000  # samples
+STOOD = 0.01  # of half its stroke: what a machine that stands still moves by in a recording
+STROKES, STARTS = 4.0, 20.0  # such a machine moves that often in a recording
 SLOWEST = 4.0  # periods of a multisine's lowest line
 
 
@@ -68,9 +70,13 @@ class Design:
 
 def closed_loop_designs(lim: Limits, step: float) -> Iterator[Design]:
     """References about the middle of the stroke seen; all begin and end at rest there."""
-    v, a, half = lim.speed, lim.acceleration, 0.48 * lim.stroke
-    if min(v, a, half) <= 0:
+    half = 0.48 * lim.stroke
+    if half <= 0:
         return
+    v, a = lim.speed, lim.acceleration
+    if v * lim.duration < STOOD * half or a * lim.duration < v:  # it was told to stand still
+        v = STROKES * half / lim.duration
+        a = STARTS * v / lim.duration
     ladder = _strokes([0.25 * half, 0.5 * half, half], v, a, step)
     yield Design("an amplitude ladder: the same move at a quarter, half and full stroke", ladder)
     yield Design(
