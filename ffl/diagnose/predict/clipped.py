@@ -106,14 +106,24 @@ def _side(low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _behind_play(x, p, pq, other, xs, ps, row, stretch, half, y, white):  # type: ignore[no-untyped-def]
+def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ignore[no-untyped-def]
     """(innovation, its standard deviation, logarithm of the density of y) with x and p brought to what y
-    tells; the first two on the side of the play that is the likeliest then. xs (3, n), ps (3, n, n), pq and
-    other (n,): room."""
+    tells; the first two on the side of the play that is the likeliest then. pq (n,), xs and gains (3, n):
+    room. On a side p is less by what its stretch, of covariance c with all, tells of the rest, and what y
+    then does,
+
+        p - (1 - square) c c'/c_stretch - g g'/s,   g of y on that side,
+
+    and beyond a wall the stretch is known: all three are one sum of outer products."""
     n = len(x)
-    doubt = max(np.sqrt(max(p[stretch, stretch], 0.0)), 1e-9 * half)
+    c = p[stretch].copy()
+    doubt = max(np.sqrt(max(c[stretch], 0.0)), 1e-9 * half)
     low, high = (-half - x[stretch]) / doubt, (half - x[stretch]) / doubt
-    logs, errors, scales = np.full(3, -np.inf), np.zeros(3), np.ones(3)
+    _seen(x, p, row, pq)
+    leans = 0.0
+    for i in range(n):
+        leans += row[i] * c[i]
+    logs, errors, powers, known = np.full(3, -np.inf), np.zeros(3), np.ones(3), np.zeros(3)
     for k in range(3):  # below, within, above
         if k == 0:
             share, mean, square = _side(-np.inf, low)
@@ -123,44 +133,52 @@ def _behind_play(x, p, pq, other, xs, ps, row, stretch, half, y, white):  # type
             share, mean, square = _side(high, np.inf)
         if share < UNLIKELY:
             continue
+        known[k] = (1.0 - square) / doubt**2
+        own = 0.0 if k == 1 else row[stretch]  # of y that a wall makes certain
+        less = own + known[k] * (leans - own * c[stretch])
         for i in range(n):
-            xs[k, i] = x[i] + p[i, stretch] / doubt * mean
-            for j in range(n):
-                ps[k, i, j] = p[i, j] - p[i, stretch] * p[stretch, j] / doubt**2 * (1.0 - square)
+            xs[k, i] = x[i] + c[i] / doubt * mean
+            gains[k, i] = pq[i] - c[i] * less
         if k != 1:
             xs[k, stretch] = half if k == 2 else -half
-            for i in range(n):
-                ps[k, i, stretch] = 0.0
-                ps[k, stretch, i] = 0.0
-        seen, s = _seen(xs[k], ps[k], row, pq)
-        s += white
-        e = y - seen
-        errors[k], scales[k] = e, np.sqrt(s)
+            gains[k, stretch] = 0.0
+        e, s = y, white
+        for i in range(n):
+            e -= row[i] * xs[k, i]
+            s += row[i] * gains[k, i]
+        errors[k], powers[k] = e, s
         logs[k] = np.log(share) - 0.5 * (np.log(2.0 * np.pi * s) + e * e / s)
         for i in range(n):
-            xs[k, i] += pq[i] * e / s
-            for j in range(n):
-                ps[k, i, j] -= pq[i] * pq[j] / s
+            xs[k, i] += gains[k, i] * e / s
     best = int(np.argmax(logs))
-    total = 0.0
-    for k in range(3):
-        total += np.exp(logs[k] - logs[best])
+    shares = np.exp(logs - logs[best])
+    total = shares.sum()
+    shares /= total
     x[:] = 0.0
-    p[:] = 0.0
     for k in range(3):
-        share = np.exp(logs[k] - logs[best]) / total
-        if share > 0.0:
+        if shares[k] > 0.0:
             for i in range(n):
-                x[i] += share * xs[k, i]
+                x[i] += shares[k] * xs[k, i]
+    told = (shares * known).sum()
+    for i in range(n):
+        for j in range(i + 1):
+            p[i, j] -= told * c[i] * c[j]
+    for j in range(n):  # what doubt of its stretch there is, is that of the side within
+        value = shares[1] * (1.0 - known[1] * c[stretch]) * c[j]
+        p[max(stretch, j), min(stretch, j)] = value
     for k in range(3):
-        share = np.exp(logs[k] - logs[best]) / total
-        if share > 0.0:
+        if shares[k] > 0.0:
             for i in range(n):
-                other[i] = xs[k, i] - x[i]
+                xs[k, i] -= x[i]
+            per = shares[k] / powers[k]
             for i in range(n):
-                for j in range(n):
-                    p[i, j] += share * (ps[k, i, j] + other[i] * other[j])
-    return errors[best], scales[best], logs[best] + np.log(total)
+                one, two = shares[k] * xs[k, i], per * gains[k, i]
+                for j in range(i + 1):
+                    p[i, j] += one * xs[k, j] - two * gains[k, j]
+    for i in range(n):
+        for j in range(i):
+            p[j, i] = p[i, j]
+    return errors[best], np.sqrt(powers[best]), logs[best] + np.log(total)
 
 
 @njit(cache=True, nogil=True)
@@ -186,13 +204,13 @@ def predicted(  # type: ignore[no-untyped-def]
     n, samples = len(x), len(y)
     out, scale, logs = np.empty(samples), np.empty(samples), np.empty(samples)
     other, new, pq = np.empty((n, n)), np.empty(n), np.empty(n)
-    xs, ps = np.zeros((3, n)), np.zeros((3, n, n))
+    xs, gains = np.zeros((3, n)), np.zeros((3, n))
     own, now = np.zeros(n), move.copy()
     own[stretch] = 1.0
     surprise = 1.0
     for t in range(samples):
         if half > 0.0:
-            e, deviation, log = _behind_play(x, p, pq, new, xs, ps, row, stretch, half, y[t], white)
+            e, deviation, log = _behind_play(x, p, pq, xs, gains, row, stretch, half, y[t], white)
             out[t], scale[t] = e, deviation
             white_square = e * e / (deviation * deviation)
             logs[t] = -log - 0.5 * (white_square + np.log(2.0 * np.pi))

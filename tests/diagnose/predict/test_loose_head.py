@@ -57,7 +57,7 @@ def test_moments_of_a_side(low, high):
 def test_density_behind_a_play_has_a_peak_for_each_side(y):
     centre, doubt, own, half = 0.7, 0.4, 0.3, 0.5  # of the stretch and of what moves the head
     x, p = np.array([0.2, centre]), np.diag([own**2, doubt**2])
-    room = np.zeros(2), np.zeros(2), np.zeros((3, 2)), np.zeros((3, 2, 2))
+    room = np.zeros(2), np.zeros((3, 2)), np.zeros((3, 2))
     _, _, log = _behind_play(x, p, *room, np.array([1.0, -1.0]), 1, half, y, 0.01)
     stretch = scipy.stats.norm(centre, doubt)
 
