@@ -17,6 +17,7 @@ from ffl.diagnose.noise.heard import with_modes_heard
 from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.noise.plain import too_loud, weighed
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
+from ffl.diagnose.predict.freely import with_free_runs
 from ffl.diagnose.predict.loose_head import with_loose_head
 from ffl.diagnose.predict.observer import (
     decay_for,
@@ -209,6 +210,7 @@ def _named(
         )
     outcome = with_rattling(scene, held, outcome, told, prior, say)
     outcome = with_loose_head(scene, held, outcome, told, prior, say)
+    outcome = with_free_runs(scene, held, outcome, prior, THRESHOLD, say)
     outcome = with_dry_friction(scene, held, outcome, told, prior)
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:

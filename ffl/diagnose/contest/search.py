@@ -16,8 +16,8 @@ from functools import partial
 
 import numpy as np
 
+from ffl.diagnose.contest.hearing import in_its_noise, quieter
 from ffl.diagnose.contest.judging import (
-    QUIET,
     UNTOLD,
     Judged,
     earns,
@@ -28,7 +28,6 @@ from ffl.diagnose.contest.judging import (
     noise_error,
     promise,
     raw_error,
-    raw_residuals,
 )
 from ffl.diagnose.contest.line import crosses, on_the_line
 from ffl.diagnose.contest.parallel import each
@@ -52,8 +51,7 @@ from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.friction_table import no_patch, refined
 from ffl.diagnose.hypothesis.harmonics import with_harmonics
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.noise.unrest import louder_than_noise, unrest_of, with_unrest
-from ffl.diagnose.recorded.starts import with_starts
+from ffl.diagnose.noise.unrest import louder_than_noise
 from ffl.diagnose.screen.glimpse import promising
 from ffl.diagnose.screen.views import View, entrants_of, screens
 
@@ -102,6 +100,14 @@ def contest(
         if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, *left):
             return other
     return _with_who_was_turned_down(outcome, threshold, most, say)
+
+
+def go_on(
+    scene: Scene, held: Scene | None, standing: Judged, threshold: float, say: Callable[[str], None]
+) -> Outcome:
+    """The contest from `standing` on, found otherwise."""
+    most = MOST_OF_STAGES if standing.model.base.is_process else MOST
+    return _climb(scene, held, standing, [], {}, frozenset(), threshold, most, say)
 
 
 def _with_who_was_turned_down(
@@ -177,11 +183,11 @@ def _climb(
     last_error = np.inf
     reserve = PLIABLE
     turned_down: set[str] = set()  # in the present company
-    again, at_once, anew = False, True, True
+    again, at_once, anew, heard = False, True, True, False
     quiet, base = scene, standing
     while True:
         if anew:
-            quiet, held = _in_its_noise(replace(scene, loop=standing.fit.loop), held, standing)
+            quiet, held = in_its_noise(replace(scene, loop=standing.fit.loop), held, standing)
             scene = replace(scene, loop=quiet.loop, trials=quiet.trials)
             base = judge(quiet, held, standing.model, rounds=6)
             say(f"{base.name}: log-likelihood {base.fitted:.1f}, held out {base.held_out:.1f}")
@@ -200,6 +206,10 @@ def _climb(
                 base = one
         if not anew and base.model.names == standing.model.names:
             return Outcome(base, steps, held, contenders)
+        if not heard and base.model.names != standing.model.names and quieter(quiet, base):
+            say(f"{base.name}: the noise is heard anew")
+            standing, heard, anew = base, True, True
+            continue
         error = raw_error(held, base.model)
         last = steps[-1].before if steps and not (again or patient) else None
         if last is not None and _worse(held, base, last, error, last_error):
@@ -233,7 +243,7 @@ def _climb(
             continue
         if accepted is None:
             return Outcome(base, steps, held, contenders)
-        standing, again, anew, barred = accepted, False, True, frozenset()
+        standing, again, anew, heard, barred = accepted, False, True, False, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
 
@@ -252,7 +262,7 @@ def _beyond_any_noise(
     if scene.guess is None:
         return None
     capped = replace(scene, loudest=scene.guess, loop=standing.fit.loop)
-    quiet, held = _in_its_noise(capped, held, standing)
+    quiet, held = in_its_noise(capped, held, standing)
     base = judge(quiet, held, standing.model, rounds=6)
     if not base.fit.far:
         return None
@@ -263,17 +273,6 @@ def _beyond_any_noise(
         return None
     several = replace(several, scene=replace(several.scene, loudest=None))
     return Step(base, tuple(c for v in views for c in v.seen), (several,), several)
-
-
-def _in_its_noise(scene: Scene, held: Scene | None, standing: Judged) -> tuple[Scene, Scene | None]:
-    """The fitted and the held-out recordings under the noise that `standing` leaves: white and no louder
-    than what is left, for slow physics must not pass for slow noise."""
-    left = raw_residuals(scene, standing.model)
-    quiet = with_starts(scene.with_noise_of(left, coloured=False, quantile=QUIET), standing.model)
-    quiet = with_unrest(quiet, standing.model)
-    if held is not None:
-        held = unrest_of(with_starts(held.like(quiet), standing.model), standing.model)
-    return quiet, held
 
 
 def _round(

@@ -85,7 +85,7 @@ class Term:
             z,
             np.abs(z),
         ):  # straight parts cost no more than any other: maps go on straight
-            trend = trend / np.abs(z).max()
+            trend = trend / max(float(np.abs(z).max()), 1e-300)
             k += np.outer(trend, trend)
         return k + JITTER * np.eye(len(at))
 

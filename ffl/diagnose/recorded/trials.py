@@ -157,8 +157,12 @@ def in_motion(recording: Recording, sample: int, reach: int) -> int:
 
 def commanded(plant: Plant, recording: Recording) -> Recording:
     """The recording with u = f + C_r r - C_y y where it was not measured, the controller is known and
-    the start is at rest, so that the controller's state there is no secret; held to the drive's limit."""
+    the start is at rest, so that the controller's state there is no secret; held to the drive's limit.
+    Of a controller that nobody knows u is all that drives the machine, whatever r is."""
     unknown = not np.all(np.isfinite(recording.u))
+    if plant.controller is None and not (unknown or recording.is_open_loop):
+        nobody = recording.missing | {"r", "f"}
+        return replace(recording, r=np.zeros(len(recording)), f=recording.u, missing=nobody)
     if plant.controller is None or not unknown or not starts_at_rest(recording):
         return recording
     return as_limited(plant, recording.with_command(feedback_of(plant.controller, recording)[1]))
