@@ -33,6 +33,7 @@ from ffl.effects.quadratic_drag import QuadraticDrag
 from ffl.effects.saturation import Saturation
 from ffl.effects.sensor_bend import SensorBend
 from ffl.effects.sensor_nonlinearity import SensorNonlinearity
+from ffl.effects.slew_limit import SlewLimit
 from ffl.effects.spill import Spill
 from ffl.effects.stribeck_friction import StribeckFriction
 from ffl.effects.valve_stiction import ValveStiction
@@ -61,6 +62,7 @@ EFFECTS: dict[str, Effect] = {
         Hysteresis(),
         Saturation(),
         DeadZone(),
+        SlewLimit(),
         ValveStiction(),
         InputDelay(),
         ActuatorLag(),

@@ -87,7 +87,8 @@ class StribeckFriction(Effect):
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         top = float(np.abs(motion.v).max(initial=0.0))
-        return [{"stribeck_velocity": float(v)} for v in top * np.geomspace(0.01, 0.5, 9)]
+        shares = np.geomspace(0.01, 0.5, 9) if top > 0.0 else ()
+        return [{"stribeck_velocity": float(top * share)} for share in shares]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         direction = motion.direction

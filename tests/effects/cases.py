@@ -171,6 +171,15 @@ ORACLE = {
         Case(drive=lambda u, x, z: np.sign(u) * max(abs(u) - 1.0, 0.0)),
         1e-12,
     ),
+    "slew_limit": (
+        {"rate": 400.0},
+        Case(
+            drive=lambda u, x, z: z[0],
+            drive_rate=lambda u, z: [min(max(1e6 * (u - z[0]), -400.0), 400.0)],
+            states=1,
+        ),
+        1e-3,
+    ),
     "valve_stiction": ({"band": 0.7}, Case(drive=stuck(0.7)), 1e-11),
     "input_delay": ({"delay": 1.3e-3}, Case(split=0.3, late=1), 1e-11),
     "actuator_lag": (

@@ -49,6 +49,7 @@ SMALL = {
     ),
     "saturation": ({"limit": 7.0}, {"limit": 7.0}),
     "dead_zone": ({"half_width": 1e-4}, {"shape": 1e-4}),
+    "slew_limit": ({"rate": 2000.0}, {"rate": 2000.0}),
     "valve_stiction": (
         {
             "band": 1e-3,
@@ -82,6 +83,7 @@ FIRST_ORDER = {
     "saturation": 0.3,
     "sensor_nonlinearity": 0.3,
     "dead_zone": 0.05,
+    "slew_limit": 0.3,
     "valve_stiction": 0.3,  # jumps of 1e-3 N at other samples as soon as the motion differs
     "coulomb_friction": 0.06,
     "asymmetric_friction": 0.06,
@@ -315,6 +317,7 @@ PLACES = {
         "position_dependent_gain",
         "saturation",
         "dead_zone",
+        "slew_limit",
         "input_delay",
         "actuator_lag",
     ),
