@@ -46,6 +46,7 @@ IMPLAUSIBLE = 5.0  # times a mass or a gain: no machine is so far from its model
 MOST = (
     0.5  # of the nrmse before: where no noise is stated, nobody knows that more than this is noise
 )
+NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 
@@ -150,6 +151,13 @@ def conclude(
     if said != "nothing_missing" and not another and not observed:
         with suppress(InputError):  # limits too narrow for any move or wave
             experiment = plan(standing.scene, standing.fit, outcome, nameless)
+    moved = () if bare is not standing.model or said == "inconclusive" else corrections(standing)
+    lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
+    if said == "nothing_missing" and lowered and not moved:
+        notes.append(
+            "the numbers of the linear part were moved together, none by three of its standard errors: "
+            "what they lower the error to is augmented.toml's"
+        )
     findings = tuple(
         _finding(standing, index, outcome, model, said == "explained") for index in told
     )
@@ -159,9 +167,7 @@ def conclude(
         verdict=said,
         place=place,
         findings=findings if said not in ("unnamed", "inconclusive") else (),
-        corrections=()
-        if bare is not standing.model or said == "inconclusive"
-        else corrections(standing),
+        corrections=moved,
         proof=proof,
         advice=(too_large(off),) if mistaken else _advice(said, place, experiment, model),
         experiment=experiment,
