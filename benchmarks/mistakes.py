@@ -71,6 +71,12 @@ MISTAKES = (
     Mistake("y with the other sign", ("sign",), lambda p, r: (p, replace(r, y=-r.y))),
     Mistake("u and y exchanged", ("columns",), lambda p, r: (p, replace(r, u=r.y, y=r.u))),
     Mistake("u a sample late", ("shift",), lambda p, r: (p, replace(r, u=_late(r.u, 1))), True),
+    Mistake("the controller left out", (), lambda p, r: (replace(p, controller=None), r), True),
+    Mistake(
+        "u three samples late, no controller",
+        ("shift",),
+        lambda p, r: (replace(p, controller=None), replace(r, u=_late(r.u, 3))),
+    ),
     Mistake("y five samples late", ("shift",), lambda p, r: (p, replace(r, y=_late(r.y, 5))), True),
     Mistake(
         "the controller's gain 30 % too large",
