@@ -133,10 +133,8 @@ def _pushed(mechanics: Mechanics, place: Place, controller: Controller | None) -
     push = discrete(replace(apart, fast=nothing(mechanics.sample_time))).b
     plant = discrete(replace(mechanics, exact=None))
     system = closed_loop(plant, controller).system
-    b = np.zeros((system.order, 1))
-    b[mechanics.delay : mechanics.delay + len(push)] = (
-        push  # behind the line that holds the command up
-    )
+    b, line = np.zeros((system.order, 1)), mechanics.delay  # the states that hold the command up
+    b[line : line + len(push)] = push
     return StateSpace(system.a, b, system.c[:1], 0.0, system.sample_time)
 
 

@@ -11,7 +11,6 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 from ffl.systems.zpk import as_state_space
 
-FACTOR = 3.0  # by which no model is off
 STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
 CORNER = 0.3  # of the mean frequency of u: where that begins
 SPAN = 5  # samples over which the speed is read

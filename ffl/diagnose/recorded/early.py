@@ -21,7 +21,7 @@ from ffl.systems.state_space import Array
 ALIKE = 0.05  # of y's variance: what is left at most with u moved
 CLEAR = 0.25  # of what is left with u as it stands (physics at its worst, of 408 recordings: 0.51)
 NEAR = 1.25  # factor by which the model may be off beside that: a lead that bends it more is none
-LONGEST = 20000  # samples looked at
+SHORTEST, LONGEST = 4 * SHIFTS, 20000  # samples looked at
 SCALES = frozenset({"mass", "gain"})  # what changes all of G u alike
 
 
@@ -29,6 +29,8 @@ def early(plant: Plant, recording: Recording) -> Fault | None:
     """y so many samples before u, by what the model makes of u; None where another number of the model,
     or a force along the motion, says as much."""
     n = min(len(recording), LONGEST)
+    if n < SHORTEST:
+        return None
     u, y = recording.u[:n], recording.y[:n]
     mechanics = Simulator(plant).mechanics
     made, out = compared(plant, u, y)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.recorded.compared import FACTOR, compared, moved_by
+from ffl.diagnose.recorded.compared import compared, moved_by
 from ffl.diagnose.recorded.early import early
 from ffl.diagnose.recorded.sound import Fault
 from ffl.recordings import Recording
@@ -24,6 +24,7 @@ from ffl.systems.state_space import Array
 ALIKE = 0.2  # of y's variance: what a factor must leave at most to be all that is wrong
 UNALIKE = 0.5  # and with u and y as they are named, if these are exchanged
 SAME = 0.02  # the same with u and y exchanged
+FACTOR = 3.0  # by which no model is off
 LONGEST = 20000  # samples looked at
 BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to speak against it
 LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried, and

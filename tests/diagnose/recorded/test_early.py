@@ -66,3 +66,11 @@ def test_neither_friction_nor_a_delay_is_a_fault(stage, drive, dry, samples):  #
     y = recorded(stage.system, drive, dry)
     run = Recording.from_signals(STEP, u=np.roll(drive, samples), y=y, source="run.csv")
     assert early(stage, run) is None
+
+
+@pytest.mark.parametrize("samples", [20, 70, 200])
+def test_a_short_recording_tells_no_lead(stage, drive, samples):  # type: ignore[no-untyped-def]
+    run = Recording.from_signals(
+        STEP, u=drive[:samples], y=recorded(stage.system, drive)[:samples], source="run.csv"
+    )
+    assert early(stage, run) is None
