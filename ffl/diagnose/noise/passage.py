@@ -20,6 +20,7 @@ from ffl.systems.loop import Controller, closed_loop
 from ffl.systems.state_space import Array, StateSpace
 
 TAIL = 1e-7  # energy of an impulse response that may be cut off
+RUNS_AWAY = 1.0 + 1e-9  # of a pole
 STANDING = 1e-14  # of what a sensor adds: a loop takes all of what stays out again
 
 
@@ -111,7 +112,12 @@ class Passage:
             return loop.sensitivity.filter(unit)
         if place.port == "command":
             return loop.process_sensitivity.filter(unit)
-        return _pushed(mechanics, place, loop.controller).filter(unit)
+        if (np.abs(loop.plant.poles) > RUNS_AWAY).any():
+            return _pushed(mechanics, place, loop.controller).filter(unit)
+        point = mechanics.point(place.side, place.mass_ratio)
+        through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
+        through = replace(through, fast=nothing(mechanics.sample_time))
+        return loop.sensitivity.filter(discrete(through).filter(unit))
 
     def _responses(self, place: Place) -> list[tuple[int, Array]]:
         """Length of the transform and spectrum of the impulse response, one per recording."""

@@ -94,8 +94,9 @@ def _loudness(power: Array) -> Array | None:
 
 
 def _seen_through(rival: Judged, base: Judged) -> bool:
-    """Whether `rival` leaves next to nothing of what `base` leaves of the held-out y."""
-    if rival.held is None or base.held is None:
+    """Whether `rival` leaves next to nothing of what `base` leaves of the held-out y; of a process, which
+    integrates whatever comes in, that proves nothing (a constant load took an outflow's place)."""
+    if rival.held is None or base.held is None or base.model.base.is_process:
         return False
     return raw_error(rival.held, rival.model) < LITTLE * raw_error(base.held, base.model)
 
