@@ -80,8 +80,7 @@ def contest(
     as well: who comes second by a little may be half of what comes first by far. So may who was turned
     down: alone it costs held-out recordings something that the others make good."""
     say = progress or (lambda line: None)
-    if most is None:
-        most = MOST_OF_STAGES if model.base.is_process else MOST
+    most = _room(model) if most is None else most
     standing, steps = judge(scene, held, model), []
     if several := _beyond_any_noise(scene, held, standing, most, threshold, say):
         standing, steps = several.accepted or standing, [several]
@@ -106,8 +105,12 @@ def go_on(
     scene: Scene, held: Scene | None, standing: Judged, threshold: float, say: Callable[[str], None]
 ) -> Outcome:
     """The contest from `standing` on, found otherwise."""
-    most = MOST_OF_STAGES if standing.model.base.is_process else MOST
-    return _climb(scene, held, standing, [], {}, frozenset(), threshold, most, say)
+    return _climb(scene, held, standing, [], {}, frozenset(), threshold, _room(standing.model), say)
+
+
+def _room(model: Model) -> int:
+    """How many effects may join."""
+    return MOST_OF_STAGES if model.base.is_process else MOST
 
 
 def _with_who_was_turned_down(

@@ -112,12 +112,12 @@ class Passage:
             return loop.sensitivity.filter(unit)
         if place.port == "command":
             return loop.process_sensitivity.filter(unit)
-        if (np.abs(loop.plant.poles) > RUNS_AWAY).any():
-            return _pushed(mechanics, place, loop.controller).filter(unit)
         point = mechanics.point(place.side, place.mass_ratio)
         through = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
-        through = replace(through, fast=nothing(mechanics.sample_time))
-        return loop.sensitivity.filter(discrete(through).filter(unit))
+        alone = discrete(replace(through, fast=nothing(mechanics.sample_time)))
+        if (np.abs(loop.plant.poles) > RUNS_AWAY).any():
+            return _held(mechanics, alone.b, loop.controller).filter(unit)
+        return loop.sensitivity.filter(alone.filter(unit))
 
     def _responses(self, place: Place) -> list[tuple[int, Array]]:
         """Length of the transform and spectrum of the impulse response, one per recording."""
@@ -130,15 +130,11 @@ class Passage:
         return self._spectra[place]
 
 
-def _pushed(mechanics: Mechanics, place: Place, controller: Controller | None) -> StateSpace:
-    """From a force at `place`, input units, to y, in the loop that holds the plant: apart from it the
-    answer of an unstable plant has no end (a sine of 18 times the noise at a magnetic bearing was not
-    seen, its column 1e114 long)."""
-    point = mechanics.point(place.side, place.mass_ratio)
-    apart = replace(mechanics, b=point.force, d=0.0, delay=0, exact=None)
-    push = discrete(replace(apart, fast=nothing(mechanics.sample_time))).b
-    plant = discrete(replace(mechanics, exact=None))
-    system = closed_loop(plant, controller).system
+def _held(mechanics: Mechanics, push: Array, controller: Controller | None) -> StateSpace:
+    """From a force, which does `push` (k, 1) to the plant's own states in a sample, to y, in the loop that
+    holds the plant: apart from it the answer of an unstable plant has no end (a sine of 18 times the noise
+    at a magnetic bearing was not seen, its column 1e114 long)."""
+    system = closed_loop(discrete(replace(mechanics, exact=None)), controller).system
     b, line = np.zeros((system.order, 1)), mechanics.delay  # the states that hold the command up
     b[line : line + len(push)] = push
     return StateSpace(system.a, b, system.c[:1], 0.0, system.sample_time)
