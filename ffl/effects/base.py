@@ -28,7 +28,8 @@ delay: that leaks the present noise into the regression (FINDINGS, Diagnosis 3).
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -224,6 +225,11 @@ class Effect:
         return state
 
     @property
+    def bends(self) -> bool:
+        """Whether it makes of each command another one, whatever was before."""
+        return self.port == "command" and tuple(self.depends_on) == ("command",)
+
+    @property
     def remembers_command(self) -> bool:
         return type(self).after_command is not Effect.after_command
 
@@ -264,8 +270,8 @@ class Effect:
         return ()
 
     def order(self, values: Parameters) -> int:
-        """-1: it acts before all others at its port, wherever it is named; 1: after them (a scale ends,
-        however it bends)."""
+        """-1: it acts before all others at its port, wherever it is named, but for what bends the command
+        before any other; 1: after them (a scale ends, however it bends)."""
         return 0
 
     def shown(self, values: Parameters, position: Any) -> Any:
@@ -379,3 +385,10 @@ def suggest(name: str, known: Sequence[str]) -> str:
     """'did you mean X?' where a known name is near, else the list of known names."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def leading(effects: Iterable[tuple[Effect, Parameters]]) -> int:
+    """How many of `effects`, in their order, bend the command before any other acts on it, but for what
+    comes first wherever it is named: what is late is late alike before a limit and behind it."""
+    acting = (e for e, values in effects if e.port == "command" and e.order(values) >= 0)
+    return sum(1 for _ in itertools.takewhile(lambda effect: effect.bends, acting))

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ffl.effects import Effect, Setting, effect_of
-from ffl.effects.base import Law
-from ffl.effects.law import address_of
+from ffl.effects.base import Law, leading
+from ffl.effects.law import IO_SIZE, MEAN, SLOPE, address_of
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.point import Point
 from ffl.errors import InputError
@@ -76,6 +76,9 @@ class Compiler:
             key=lambda a: a.port == "force" and set(a.effect.depends_on) <= TIME, reverse=True
         )
         actors.sort(key=lambda actor: actor.effect.order(checked[actor.index]))
+        bent = [actor for actor in actors if actor.effect.bends]
+        bent = bent[: leading((actor.effect, checked[actor.index]) for actor in actors)]
+        actors = [*bent, *(actor for actor in actors if actor not in bent)]
         for side in watch:
             points.place(side)
         if last:
@@ -225,11 +228,15 @@ class Program:
     def states(self, before: float, travel: float) -> tuple[Array, Array]:
         """(where each effect's states begin, all states at the start); `before`, `travel`: see
         `Simulator.run`."""
-        states = []
+        states, io = [], np.zeros(IO_SIZE)
         for actor in self.actors:
             effect, packed = actor.effect, actor.packed
             state = effect.initial_state(packed, self.discrete.step)
             state = effect.after_command(state, before)
+            if effect.bends:  # who remembers the command has it from there
+                io[MEAN], io[SLOPE] = before, 0.0
+                actor.law(packed, state, io)
+                before = float(io[MEAN])
             states.append(effect.after_travel(state, packed, travel) if travel else state)
         return _packed(states)
 

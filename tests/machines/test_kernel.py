@@ -85,6 +85,22 @@ def test_a_delay_acts_first_wherever_it_is_named():
     assert np.array_equal(one.contribution, other.contribution[:, ::-1])
 
 
+@pytest.mark.parametrize(
+    "bent", [EffectSpec("saturation", {"limit": 20.0}), EffectSpec("dead_zone", {"half_width": 9.0})]
+)
+def test_what_bends_the_command_bends_it_before_a_delay(bent):
+    """A limit behind a delay of 1.5 samples would meet the mean of two commands: what is late is as the
+    drive gave it, wherever both are named, from the first sample on."""
+    simulator = Simulator(load_plant("emps"), open_loop=True)
+    u = 30.0 * np.sin(np.linspace(1.0, 40.0, 400))
+    alone = simulator.run((bent,), feedforward=u, before=u[0])
+    sent = u + alone.contribution[:, 0]
+    late = simulator.run((DELAY,), feedforward=sent, before=sent[0])
+    for effects in ((bent, DELAY), (DELAY, bent)):
+        both = simulator.run(effects, feedforward=u, before=u[0])
+        np.testing.assert_allclose(both.y, late.y, atol=1e-12 * np.abs(late.y).max())
+
+
 def test_a_machine_that_diverges_says_when():
     """Twenty samples of extra delay make the stable loop oscillate without bound."""
     system = Zpk([-1.0], [1.0, 1.0], 2.5e-7, 1e-3)

@@ -16,7 +16,7 @@ from ffl.diagnose.hypothesis.linear import (
     corrections_of,
     simulator_with,
 )
-from ffl.diagnose.predict.as_sent import as_sent, bends
+from ffl.diagnose.predict.as_sent import as_sent
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.effects import EFFECTS
 from ffl.effects.cascade import lags
@@ -103,7 +103,7 @@ class Model:
     def acting(self) -> tuple[EffectSpec, ...]:
         """All effects of a simulation: those found, then those stated; an amplifier comes before the motor,
         whichever was found first."""
-        return (*sorted(self.effects, key=lambda spec: not bends(spec)), *self.stated)
+        return (*sorted(self.effects, key=lambda spec: not EFFECTS[spec.name].bends), *self.stated)
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -162,11 +162,12 @@ class Model:
     def behind(self) -> Model:
         """The machine behind all that bends the command of a closed loop, if something found does or its
         stated limit was reached: those are fed with it as recorded (`as_sent`). Else the model itself."""
-        bent = self.base.limit is not None or any(map(bends, self.effects))
+        bent = self.base.limit is not None or any(EFFECTS[spec.name].bends for spec in self.effects)
         if self.base.plant.controller is None or not bent:
             return self
         effects, given = (
-            tuple(s for s in specs if not bends(s)) for specs in (self.effects, self.stated)
+            tuple(s for s in specs if not EFFECTS[s.name].bends)
+            for specs in (self.effects, self.stated)
         )
         other = replace(self, base=self.base.unlimited, effects=effects, given=given)
         object.__setattr__(other, "substeps", self.substeps)

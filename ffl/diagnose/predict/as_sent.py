@@ -6,7 +6,8 @@ slow effects that are not there take some of it off. With the command as recorde
 drive, u' = D(u), the rest is the linear loop with d = u' - u beside its command,
     y - y'_sim = S (P w + v),
 whose noise is stationary again and whitened exactly: log p(y | u) of the same samples. Where the command
-goes through other effects as well, delays say, d is what all of them make of it less what the others do.
+goes through other effects behind the drive, a delay or a lag say, so does d; where one of these comes
+before, d is what all of them make of the command less what the others do.
 The same holds of a limit that the plant file states (`command_limit`): u was recorded behind it, and d is
 what is made of u less what the others would make of what the controller asked for.
 """
@@ -21,22 +22,23 @@ import numpy as np
 from ffl.diagnose.predict.company import separable, without
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
+from ffl.effects.base import leading
 from ffl.systems.plant import EffectSpec
-
-
-def bends(spec: EffectSpec) -> bool:
-    """Whether the effect makes of each command another one, whatever was before."""
-    effect = EFFECTS[spec.name]
-    return effect.port == "command" and tuple(effect.depends_on) == ("command",)
 
 
 def as_sent(trial: Trial, effects: Sequence[EffectSpec]) -> Trial | None:
     """The trial for a simulation of `effects` without those that bend the command; None where it was not
-    recorded, or goes through one that cannot be followed without the machine."""
+    recorded, or goes before that through one that cannot be followed without the machine."""
     through = [spec for spec in effects if EFFECTS[spec.name].port == "command"]
-    if not np.all(np.isfinite(trial.u)) or not all(map(separable, through)):
+    if not np.all(np.isfinite(trial.u)):
         return None
-    others = [spec for spec in through if not bends(spec)]
     asked = trial if trial.asked is None else replace(trial, u=trial.asked)
+    bent = [spec for spec in through if EFFECTS[spec.name].bends]
+    if leading((EFFECTS[spec.name], spec.parameters) for spec in through) == len(bent):
+        made = without(trial, bent).u - asked.u
+        return replace(trial, feedforward=trial.feedforward + made, asked=None)
+    if not all(map(separable, through)):
+        return None
+    others = [spec for spec in through if not EFFECTS[spec.name].bends]
     made = without(trial, through).u - without(asked, others).u
     return replace(trial, load=made if trial.load is None else trial.load + made, asked=None)

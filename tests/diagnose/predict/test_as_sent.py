@@ -58,6 +58,7 @@ def test_the_report_runs_it_freely(judged):
     [
         (EffectSpec("actuator_lag", {"time_constant": 0.004}),),
         (EffectSpec("input_delay", {"delay": 0.003}),),
+        (EffectSpec("input_delay", {"delay": 0.00237}),),
         (EffectSpec("position_dependent_gain", {"linear_coefficient": 2.0, "centre": 0.05}),),
     ],
 )
