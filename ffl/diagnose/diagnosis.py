@@ -166,7 +166,7 @@ def _named(
     everything = [*recordings, *validation]
     travel = max(float(np.ptp(r.y)) for r in everything)
     until = max(float(np.abs(r.t).max()) for r in everything)
-    base = Base.of(model, travel, until, reached(model, everything))
+    base = Base.of(model, travel, until, reached(model, everything), seen.observed)
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = blocks(recordings)
@@ -234,7 +234,8 @@ def _named(
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others
         own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
-    before = [nominal.simulate(trial) for trial in own]
+    run = nominal.follow if held.observed else nominal.simulate
+    before = [run(trial) for trial in own]
     if told.base is not base:
         nominal = told.without(0)
     return conclude(stated, nominal, before, held, standing, outcome, health, notes, rng)

@@ -259,10 +259,12 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         """Whether the numbers of `spec`, found in recordings of `duration` (s) over a `travel` (output
-        units), are those of the physics that it is named for, not of what stands in for something
-        else."""
+        units) with y up to `largest` beyond noise, are those of the physics that it is named for, not of
+        what stands in for something else."""
         return True
 
     def idle(self, values: Parameters) -> tuple[str, ...]:

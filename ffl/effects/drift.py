@@ -55,7 +55,9 @@ class Drift(Effect):
         kind = float(KINDS.index(setting.options.get("kind", "exponential")))
         return [values["amplitude"] / setting.force_per_input, values["time_constant"], kind]
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         """What settles at once is a load that begins, not a drift; a sine of which no recording holds a
         period is any bend."""
         slow = float(spec.parameters["time_constant"]) / duration

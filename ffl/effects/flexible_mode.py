@@ -56,7 +56,9 @@ class FlexibleMode(Effect):
             for z in (0.01, 0.1)
         ]
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         """A mode resonates: above a damping of 1/sqrt(2) the hung mass answers no frequency by more
         than it does a slow one."""
         return bool(spec.parameters["damping"] < np.sqrt(0.5))

@@ -38,7 +38,9 @@ class GravityTorque(Effect):
         amplitude, centre = super().pack(values, setting)
         return [1.0, 1.0, -amplitude * math.cos(centre), amplitude * math.sin(centre)]
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         return travel > LEAST_TRAVEL
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:

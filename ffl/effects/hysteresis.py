@@ -72,7 +72,9 @@ class Hysteresis(Effect):
     law = staticmethod(_law)
     remembers = True
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         """What no travel turns around is a spring that bends, not a loop."""
         return spec.options.get("kind") == KINDS[1] or spec.parameters["displacement"] < travel
 

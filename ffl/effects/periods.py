@@ -46,7 +46,9 @@ class Repeating(Effect):
             return Parameter(name, base.unit, base.lower, base.upper, base.linear, 0.0)
         return super().parameter(name)
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         """What nothing shows to come again is any force by position."""
         return AGAIN * float(spec.parameters["period"]) <= travel
 

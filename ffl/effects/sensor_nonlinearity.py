@@ -8,10 +8,11 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import MEAN
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("clipping", "rectified")
+BEYOND = 0.02  # of the largest y: what a level may be short of it
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
@@ -55,6 +56,13 @@ class SensorNonlinearity(Effect):
 
     def idle(self, values: Parameters) -> tuple[str, ...]:
         return ("level",) if values["kind"] == "rectified" else ()
+
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
+        """What clips shows nothing beyond."""
+        values = spec.parameters
+        return bool(values["kind"] != "clipping" or values["level"] > (1.0 - BEYOND) * largest)
 
     def order(self, values: Parameters) -> int:
         return 1 if values["kind"] == "clipping" else 0

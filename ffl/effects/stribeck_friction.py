@@ -65,7 +65,9 @@ class StribeckFriction(Effect):
     remembers = True
     switches = True
 
-    def credible(self, spec: EffectSpec, duration: float, travel: float) -> bool:
+    def credible(
+        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
+    ) -> bool:
         """Some of the level stays at speed; what vanishes there is no dry friction."""
         values = spec.parameters
         return bool(values["coulomb_level"] > LEAST * values["static_level"])

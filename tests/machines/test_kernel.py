@@ -86,7 +86,8 @@ def test_a_delay_acts_first_wherever_it_is_named():
 
 
 @pytest.mark.parametrize(
-    "bent", [EffectSpec("saturation", {"limit": 20.0}), EffectSpec("dead_zone", {"half_width": 9.0})]
+    "bent",
+    [EffectSpec("saturation", {"limit": 20.0}), EffectSpec("dead_zone", {"half_width": 9.0})],
 )
 def test_what_bends_the_command_bends_it_before_a_delay(bent):
     """A limit behind a delay of 1.5 samples would meet the mean of two commands: what is late is as the

@@ -266,10 +266,11 @@ def credible(judged: Judged) -> bool:
     return all(netted(judged.scene, judged.model, name) is None for name in NAMES)
 
 
-def _recorded(judged: Judged) -> tuple[float, float]:
-    """(duration of the longest fitted recording (s), largest travel in any)."""
-    duration = max(len(trial) * trial.sample_time for trial in judged.scene.trials)
-    return duration, judged.model.base.travel or np.inf
+def _recorded(judged: Judged) -> tuple[float, float, float]:
+    """(duration of the longest fitted recording (s), largest travel in any, largest y of the fitted)."""
+    trials = judged.scene.trials
+    duration = max(len(trial) * trial.sample_time for trial in trials)
+    return duration, judged.model.base.travel or np.inf, max(trial.largest for trial in trials)
 
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:

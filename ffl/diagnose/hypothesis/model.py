@@ -52,13 +52,20 @@ class Base:
     travel: float = 0.0  # range of y in the recordings
     until: float = 0.0  # s, the last time on their clocks
     limit: float | None = None  # of the command, as the plant file states it, where they come to it
+    observed: bool = False  # the controller is an observer's, which no command went through
 
     @classmethod
     def of(
-        cls, plant: Plant, travel: float = 0.0, until: float = 0.0, limit: float | None = None
+        cls,
+        plant: Plant,
+        travel: float = 0.0,
+        until: float = 0.0,
+        limit: float | None = None,
+        observed: bool = False,
     ) -> Base:
         simulator = Simulator(plant)
-        return cls(plant, simulator, corrections_of(simulator.mechanics), travel, until, limit)
+        corrections = corrections_of(simulator.mechanics)
+        return cls(plant, simulator, corrections, travel, until, limit, observed)
 
     @cached_property
     def unlimited(self) -> Base:
@@ -161,8 +168,10 @@ class Model:
     @cached_property
     def behind(self) -> Model:
         """The machine behind all that bends the command of a closed loop, if something found does or its
-        stated limit was reached: those are fed with it as recorded (`as_sent`). Else the model itself."""
-        bent = self.base.limit is not None or any(EFFECTS[spec.name].bends for spec in self.effects)
+        stated limit was reached: those are fed with it as recorded (`as_sent`). Else the model itself.
+        An observer's loop is led behind what the plant file states as well."""
+        bending = self.acting if self.base.observed else self.effects
+        bent = self.base.limit is not None or any(EFFECTS[spec.name].bends for spec in bending)
         if self.base.plant.controller is None or not bent:
             return self
         effects, given = (

@@ -80,7 +80,7 @@ def conclude(
     running = plant_from_dict(plant_to_dict(fitted))
     observed = held.observed
     augmented = replace(running, controller=model.controller) if observed else running
-    after = [run_plant(running, trial) for trial in held.trials]
+    after = [run_plant(running, trial, observed) for trial in held.trials]
     quiet = nameless.winner.scene if nameless.winner else standing.scene
     if lost:
         quiet = quiet.like(lost.fitted.scene)

@@ -12,8 +12,10 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.maps.freemodel import FreeModel
 from ffl.diagnose.noise.imitate import Imitation, imitated
 from ffl.diagnose.noise.noise import Paths
+from ffl.diagnose.predict.as_sent import as_sent
 from ffl.diagnose.recorded.commands import limit_of
 from ffl.diagnose.recorded.trials import Trial, start_of
+from ffl.effects import EFFECTS
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -75,15 +77,18 @@ def nrmse(measured: Sequence[Array], simulated: Sequence[Array]) -> float:
     return float(np.sqrt(top / bottom)) if bottom > 0 else float("inf")
 
 
-def run_plant(plant: Plant, trial: Trial) -> Simulation:
-    """The plant file's plant, effects included, from the recording's own start."""
-    simulator = Simulator(plant)
+def run_plant(plant: Plant, trial: Trial, observed: bool = False) -> Simulation:
+    """The plant file's plant, effects included, from the recording's own start; `observed`: its controller
+    is an observer, which leads it behind what bends the command."""
+    simulator, effects = Simulator(plant), plant.effects
+    if observed and (sent := as_sent(trial, effects)) is not None:
+        trial, effects = sent, tuple(spec for spec in effects if not EFFECTS[spec.name].bends)
     return simulator.run(
-        plant.effects,
+        effects,
         trial.reference,
         trial.feedforward,
         force=trial.load,
-        start=start_of(simulator, plant.effects, trial),
+        start=start_of(simulator, effects, trial),
         start_time=trial.start_time,
         before=trial.before,
         travel=trial.travel,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,10 @@ SPAN = 0.01  # s over which speed is read from y
 HOLD = 1000  # most samples over which the place of a machine at rest is read
 TURN = 1e-3  # of the range of y: a way back that is a turning point
 MOVING = 0.1  # of the largest speed: in motion at the first sample
+RARE, LOUD = (
+    1e-3,
+    5.0,
+)  # share of samples, and standard deviations of noise, that `largest` leaves out
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,13 @@ class Trial:
         command = self.u if np.isfinite(self.u[0]) else self.feedforward
         load = 0.0 if self.load is None else self.load[:rows]
         return float(np.mean(command[:rows] + load))
+
+    @cached_property
+    def largest(self) -> float:
+        """|y| that more than one sample in a thousand comes to, less what noise may add (a straight line's
+        second difference is sqrt(6) times as loud as its noise)."""
+        noise = np.std(np.diff(self.y, 2)) / np.sqrt(6.0) if len(self) > 3 else 0.0
+        return float(max(np.quantile(np.abs(self.y), 1.0 - RARE) - LOUD * noise, 0.0))
 
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""

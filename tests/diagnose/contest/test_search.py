@@ -15,6 +15,7 @@ from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.work import MOST, Work
 from ffl.diagnose.hypothesis.places import mass_is_corrected
 from ffl.diagnose.noise import unrest
+from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 
@@ -185,6 +186,17 @@ def test_numbers_of_the_physics_that_an_effect_is_named_for(name, values, credib
     name, *kind = name.split()
     spec = EffectSpec(name, values, {"kind": kind[0]} if kind else {})
     assert EFFECTS[name].credible(spec, 8.0, 0.3) is credible
+
+
+@pytest.mark.parametrize(("level", "credible"), [(0.0116, False), (0.0127, True), (0.013, True)])
+def test_a_scale_that_ends_shows_nothing_beyond(level, credible):
+    """A curved scale was told as one that ends at 11.6 mm, with samples up to 12.8 mm; noise counts for
+    nothing."""
+    spec = EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})
+    y = np.full(2000, 0.0128) + 1e-4 * np.random.default_rng(0).standard_normal(2000)
+    trial = Trial("a", 0.0, 1e-3, y, y, None, y, y, y, y, True, None)
+    assert trial.largest == pytest.approx(0.0128, rel=0.02)
+    assert EFFECTS[spec.name].credible(spec, 8.0, 0.3, trial.largest) is credible
 
 
 def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, record, scenes):

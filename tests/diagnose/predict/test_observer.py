@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.predict.observer import led, moving, needs_observer, with_observer
+from ffl.diagnose.proof.prove import run_plant
+from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import EffectSpec, Imperfections
@@ -80,6 +83,27 @@ def test_friction_is_named_though_stiction_held_the_machine_before(axis, recorde
     assert found["constant_load"]["force"]["value"] == pytest.approx(LOAD, rel=0.05)
     assert found["viscous_friction"]["coefficient"]["value"] == pytest.approx(VISCOUS, rel=0.15)
     assert "drift" not in found
+
+
+def test_what_the_drive_bent_is_not_asked_of_the_observer(axis):  # type: ignore[no-untyped-def]
+    """A limit bends the command as it was recorded, and what the observer adds goes past it: without noise
+    the true model leaves nothing, found by the contest or stated by the plant file."""
+    limit = EffectSpec("saturation", {"limit": 900.0})
+    u = 1500.0 * np.sin(np.linspace(0.0, 25.0, 2000))
+    device = SimulatedMachine(replace(axis, effects=(limit,), machine=Imperfections()))
+    run = device.run(np.zeros_like(u), u, np.random.default_rng(0))
+    (seen,) = led([replace(run, u=u)])
+    leading = with_observer(axis, 6.0)
+    found = Model(Base.of(leading, observed=True), effects=(limit,))
+    stated = Model(Base.of(replace(leading, effects=(limit,)), observed=True))
+    trial = prepare(found.base.simulator, seen, 1e-9)
+    for model in (found, stated):
+        settled = model.follow(trial).y[200:]
+        np.testing.assert_allclose(settled, seen.y[200:], atol=1e-6 * np.ptp(seen.y))
+    off = replace(leading, system=replace(leading.system, gain=1.2 * leading.system.gain))
+    plant = replace(off, effects=(limit,))
+    past, through = (run_plant(plant, trial, observed).y for observed in (True, False))
+    assert np.std(past - seen.y) < 0.9 * np.std(through - seen.y)
 
 
 def test_an_observer_is_held_to_no_limit(axis):  # type: ignore[no-untyped-def]
