@@ -12,6 +12,7 @@ import numpy as np
 
 from ffl.diagnose import Diagnosis, diagnose
 from ffl.diagnose.proof.advise import Experiment
+from ffl.effects import EFFECTS
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
 from ffl.report.page import Page, drawing, subplots
@@ -75,7 +76,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     print(f"{answer['verdict']}: {_headline(answer['verdict'], 'validation' in answer)}")
     for e in answer["effects"]:
         print(f"  {e['name']} ({e['location']}, confidence {e['confidence']:.2f}): {e['says']}")
-        numbers = [_with_error(k, n) for k, n in e["parameters"].items() if _plain(n["value"])]
+        known = {k: n for k, n in e["parameters"].items() if _plain(n["value"])}
+        numbers = [_with_error(k, n, _is_place(e["name"], k)) for k, n in known.items()]
         if numbers:
             print(f"    {', '.join(numbers)}")
         for rival in e["alternatives"]:
@@ -122,13 +124,22 @@ def _plain(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _with_error(name: str, number: Mapping[str, Any]) -> str:
-    """`level 20.4 ± 0.31 N`: the error with two digits, the value as far as the error lets it."""
+def _is_place(effect: str, name: str) -> bool:
+    """Whether 0 is a number like any other: where a centre lies, or a wave begins."""
+    if effect not in EFFECTS or name not in [p.name for p in EFFECTS[effect].parameters]:
+        return False
+    unit = EFFECTS[effect].parameter(name).unit
+    return unit in ("x", "rad") and EFFECTS[effect].parameter(name).lower == -np.inf
+
+
+def _with_error(name: str, number: Mapping[str, Any], place: bool = False) -> str:
+    """`level 20.4 ± 0.31 N`: the error with two digits, the value as far as the error lets it; an amount
+    that is smaller than its error is not told, a `place` is."""
     value, error = float(number["value"]), number.get("std_error")
     unit = "" if number["unit"] in ("", "1") else f" {number['unit']}"
     if not error:
         return f"{name} {value:.4g}{unit}"
-    if error > abs(value):
+    if error > abs(value) and not place:
         return f"{name} not told ({value:.2g} ± {error:.2g}{unit})"
     digits = int(np.clip(np.ceil(np.log10(max(abs(value) / error, 1.0))) + 2, 2, 8))
     return f"{name} {value:.{digits}g} ± {error:.2g}{unit}"

@@ -37,3 +37,13 @@ def compared(
     made = np.atleast_1d(as_state_space(plant.system).filter(drive))
     made, out = made[len(made) // 10 :], out[len(out) // 10 :]
     return made - made.mean(), out - out.mean()
+
+
+def factor_of(plant: Plant, drive: Array, out: Array) -> tuple[float, float]:
+    """(k, share of `out`'s variance that is left) of out = k G drive + a constant."""
+    made, out = compared(plant, drive, out)
+    power, whole = float(made @ made), float(out @ out)
+    if power <= 0.0 or whole <= 0.0:
+        return 1.0, 1.0
+    k = float(made @ out) / power
+    return k, max(0.0, 1.0 - k * float(made @ out) / whole)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.recorded.compared import compared, moved_by
+from ffl.diagnose.recorded.compared import compared, factor_of, moved_by
 from ffl.diagnose.recorded.early import early
 from ffl.diagnose.recorded.sound import Fault
 from ffl.recordings import Recording
@@ -66,9 +66,9 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
     u, y = recording.u[:n], recording.y[:n]
     if not np.all(np.isfinite(u)) or (np.abs(plant.system.poles) > 1.0 + 1e-9).any():
         return None
-    factor, left = _factor(plant, u, y)
+    factor, left = factor_of(plant, u, y)
     name, alone = recording.source, plant.controller is None
-    back, unlike = _factor(plant, y, u)
+    back, unlike = factor_of(plant, y, u)
     exchanged = alone and 1.0 / FACTOR < back < FACTOR and unlike < SAME
     if exchanged and (left > UNALIKE or not 1.0 / FACTOR < factor < FACTOR):
         return Fault(
@@ -124,13 +124,3 @@ def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
         return True
     beside = remains(np.column_stack([made, -by_motion]), out)
     return remains(table, made - out) < BETTER * min(left, beside)
-
-
-def _factor(plant: Plant, drive: Array, out: Array) -> tuple[float, float]:
-    """(k, share of `out`'s variance that is left) of out = k G drive + a constant."""
-    made, out = compared(plant, drive, out)
-    power, whole = float(made @ made), float(out @ out)
-    if power <= 0.0 or whole <= 0.0:
-        return 1.0, 1.0
-    k = float(made @ out) / power
-    return k, max(0.0, 1.0 - k * float(made @ out) / whole)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.diagnose.recorded.commands import NEAR, at_limit, limit_of
+from ffl.diagnose.recorded.compared import factor_of
 from ffl.recordings import Recording
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
@@ -172,11 +173,14 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
     # u as a whole: sign or unit.
     left, (k,), _ = eq.left(eq.u, [eq.f + eq.by_r - eq.by_y])
     if left < good:
-        if abs(k + 1) < 0.05:
+        if abs(k + 1) < 0.05 and factor_of(plant, recording.u[:ROWS], recording.y[:ROWS])[0] > 0.0:
             return fault(
-                "sign", "the sign of u",
-                "u has the opposite sign: flip it in the mapping",
+                "columns", "the columns r and y",
+                "u is what the controller would give with r and y exchanged, and moves y the way it "
+                "should: exchange r and y in the mapping",
             )  # fmt: skip
+        if abs(k + 1) < 0.05:
+            return fault("sign", "the sign of u", "u has the opposite sign: flip it in the mapping")
         if abs(np.log10(abs(k))) > 0.9:
             return fault(
                 "unit", "the unit of u",

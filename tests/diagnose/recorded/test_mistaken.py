@@ -11,7 +11,8 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.recorded.mistaken import ALIKE, _factor, mistakes
+from ffl.diagnose.recorded.compared import factor_of
+from ffl.diagnose.recorded.mistaken import ALIKE, mistakes
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems import EffectSpec
@@ -86,7 +87,7 @@ def dive():
 def test_drag_is_no_wrong_gain(dive):
     """0.3 times what the model makes of u, and out of proportion: y hardly grows where u does."""
     made, run = dive
-    factor, left = _factor(made, run.u, run.y)
+    factor, left = factor_of(made, run.u, run.y)
     assert factor < 1 / 3
     assert left < ALIKE
     assert not mistakes(made, [run])
@@ -149,7 +150,7 @@ def test_a_drive_behind_which_the_controller_winds_up_is_no_wrong_unit(stage, re
     the model makes of u. A wrong unit of y leaves nothing else (20261216/0021)."""
     narrow = replace(stage, effects=(EffectSpec("saturation", {"limit": limit}),))
     run, _ = record(narrow)
-    factor, _ = _factor(stage, run.u, run.y)
+    factor, _ = factor_of(stage, run.u, run.y)
     assert factor < 0.01
     assert mistakes(stage, [run]) == ()
     plain, _ = record(stage)

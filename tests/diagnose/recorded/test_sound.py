@@ -40,6 +40,7 @@ def test_sound_recording_is_consistent_to_rounding(stage, clean):  # type: ignor
         ("shift", lambda r: {"y": np.concatenate([r.y[9:], np.full(9, r.y[-1])])}),
         ("shift", lambda r: {"u": np.concatenate([[r.u[0]], r.u[:-1]])}),
         ("columns", lambda r: {"u": r.y, "y": r.u}),
+        ("columns", lambda r: {"r": r.y, "y": r.r}),
         ("clipped_sensor", lambda r: {"y": np.minimum(r.y, 0.8 * r.y.max())}),
         ("frozen_sensor", lambda r: {"y": np.where(np.arange(len(r)) // 400 == 2, r.y[800], r.y)}),
     ],
