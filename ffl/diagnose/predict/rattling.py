@@ -27,7 +27,7 @@ from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.predict.balance import rubbing
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.dry_forms import formed
+from ffl.diagnose.predict.dry_forms import formed, in_the_mean
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.predict.joining import (
     Company,
@@ -134,6 +134,7 @@ def started(
     """The play to begin with, and the levels from there, of the company beside which it foretells best:
     what was `named` of the drive and the scale, all of it that the filter can take, or dry friction or a
     damper as the balance of forces has it, on either side of the play."""
+    named = [in_the_mean(spec) for spec in named]
     apart = tuple(spec for spec in named if separable(spec))
     whole = tuple(spec for spec in named if able(spec))
     companies = [apart, whole] if len(whole) > len(apart) else [apart]
