@@ -305,7 +305,8 @@ def _proof(page: Page, d: Diagnosis) -> None:
         draw.errors(axes[1], overlay, d.plant.output_unit)
         page.figure(
             figure, f"{Path(overlay.name).name}, before and after",
-            "Free-running simulation from the recording's own start; nothing was fitted to it. "
+            ("Led to what was measured by an observer" if d.proof.observed else
+             "Free-running simulation from the recording's own start") + "; nothing was fitted to it. "
             + ("After: with the map that has no name. " if d.proof.nrmse_with_map else "")
             + "Below: what is left.",
         )  # fmt: skip

@@ -40,7 +40,8 @@ class Overlay:
 @dataclass(frozen=True)
 class Proof:
     """Held-out figures; `interval`: 95 % of nrmse_after - nrmse_before by paired block bootstrap;
-    `untold`: no noise can be told from what is left, which `noise_floor` then is."""
+    `untold`: no noise can be told from what is left, which `noise_floor` then is; `observed`: the runs
+    were led by an observer."""
 
     recordings: tuple[str, ...]
     nrmse_before: float
@@ -53,6 +54,7 @@ class Proof:
     overlays: tuple[Overlay, ...]
     nrmse_with_map: float | None = None  # of the map that has no name, where that is the answer
     untold: bool = False
+    observed: bool = False
 
     @property
     def withdrawn(self) -> Proof:
@@ -166,6 +168,7 @@ def prove(
         _interval(errors, scale, rng),
         overlays,
         untold=untold,
+        observed=observed,
     )
 
 
