@@ -26,7 +26,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.foretold import best_of, refitted
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -209,7 +209,7 @@ def _forms(
     without = [Slip(m, noise) for m in (*begun, bare) for noise in {plain.noise, *noises}]
     if plain.worth(trials) < refitted(likeliest(without), trials).worth(trials) + HINT:
         return None, []  # no other form is looked for where the plain one shows nothing
-    none = likeliest([refitted(one, trials) for one in without])
+    none = best_of(without, trials)
     spec = plain.model.effects[-1]
     level, options = (
         spec.parameters["level"],
@@ -237,11 +237,8 @@ def _forms(
     }
     forms = [plain]
     for name, values in starts.items():
-        forms.append(
-            likeliest(
-                [refitted(_with(bare, plain.noise, name, options, **own), trials) for own in values]
-            )
-        )
+        starts_of_it = [_with(bare, plain.noise, name, options, **own) for own in values]
+        forms.append(best_of(starts_of_it, trials))
     judged = [_judged(found, scene, held) for found in forms]
     return _judged(none, scene, held), [one for one in judged if one is not None]
 

@@ -26,6 +26,7 @@ from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
 
 ROUNDS, TRIES = 8, 5  # of a fit, and damped steps of each
+FIRST = 2  # rounds in which one of several starts shows what it is worth
 STILL = 2.0  # gain of a round in the sum of squares below which the next one is spared
 Told = TypeVar("Told", bound="Foretold")
 
@@ -103,13 +104,24 @@ class Foretold:
         return self.scaled(trials)[0] - surprise(self.model)
 
 
-def refitted(point: Told, trials: Sequence[Trial], fixed: Sequence[int] = ()) -> Told:
+def best_of(starts: Sequence[Told], trials: Sequence[Trial]) -> Told:
+    """What the best of several `starts` comes to: the one that is ahead after two rounds goes on."""
+    begun = [
+        refitted(start, trials, rounds=FIRST if len(starts) > 1 else ROUNDS) for start in starts
+    ]
+    best = max(begun, key=lambda told: told.worth(trials))
+    return refitted(best, trials) if len(starts) > 1 else best
+
+
+def refitted(
+    point: Told, trials: Sequence[Trial], fixed: Sequence[int] = (), rounds: int = ROUNDS
+) -> Told:
     """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left; numbers `fixed`
     stay."""
     doubts = np.array([c.doubt for c in point.model.coordinates])
     point = point.at(point.theta)  # within the bounds of every number
     damping, worth = 1e-2, point.worth(trials)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         found = point.predict(trials)
         if found is None:
             return point
