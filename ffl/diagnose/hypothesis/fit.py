@@ -221,9 +221,8 @@ def fit(
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         factors = factors or triangle(j, white)
         step, promised = damped(*factors, damping, theta, lower, upper, pull, units)
-        little = tolerance * max(1.0, float(white @ white) / len(white))
-        if promised < little:
-            if fresh or promised < 0.1 * little:
+        if promised < tolerance:
+            if fresh or promised < 0.1 * tolerance:
                 status = "converged"
                 break
             columns = jacobian_along(scene, model, residuals, j, white)
@@ -256,7 +255,7 @@ def fit(
             if ratio > 0.7 and not (stale >= STALE and gained < SLOW * (white @ white)):
                 j, columns = j + np.outer(change, secant), columns + np.outer(raw, secant)
                 fresh = False
-            elif gained > little:
+            elif gained > tolerance:
                 model, residuals, white = _resettled(scene, model, residuals, white)
                 columns = jacobian_along(scene, model, residuals, j, white)
                 j, fresh = scene.whiten_stacked(columns), True
