@@ -61,6 +61,11 @@ class Parameter:
     stepped: bool = False
     neutral: float = 0.0
 
+    @property
+    def is_place(self) -> bool:
+        """Where something lies, or a wave begins: 0 is a number like any other."""
+        return self.unit in ("x", "rad") and self.lower == -np.inf
+
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
         measured = plant.output_unit or "output"

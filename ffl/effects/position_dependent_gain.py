@@ -53,5 +53,6 @@ class PositionDependentGain(Effect):
             "The force per command depends on position: 1 + "
             f"({values['linear_coefficient']:.3g})(x - c) + "
             f"({values['quadratic_coefficient']:.3g})(x - c)^2 with c = "
-            f"{self.quantity(values, 'centre', plant)}."
+            f"{self.quantity(values, 'centre', plant)}, where it is taken for 1: what it is there "
+            "goes into mass, damping and all forces alike."
         )

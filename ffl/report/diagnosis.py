@@ -77,7 +77,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     for e in answer["effects"]:
         print(f"  {e['name']} ({e['location']}, confidence {e['confidence']:.2f}): {e['says']}")
         known = {k: n for k, n in e["parameters"].items() if _plain(n["value"])}
-        numbers = [_with_error(k, n, _is_place(e["name"], k)) for k, n in known.items()]
+        own = EFFECTS[e["name"]]
+        numbers = [_with_error(k, n, own.parameter(k).is_place) for k, n in known.items()]
         if numbers:
             print(f"    {', '.join(numbers)}")
         for rival in e["alternatives"]:
@@ -122,14 +123,6 @@ def _headline(verdict: str, proven: bool) -> str:
 
 def _plain(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_place(effect: str, name: str) -> bool:
-    """Whether 0 is a number like any other: where a centre lies, or a wave begins."""
-    if effect not in EFFECTS or name not in [p.name for p in EFFECTS[effect].parameters]:
-        return False
-    unit = EFFECTS[effect].parameter(name).unit
-    return unit in ("x", "rad") and EFFECTS[effect].parameter(name).lower == -np.inf
 
 
 def _with_error(name: str, number: Mapping[str, Any], place: bool = False) -> str:

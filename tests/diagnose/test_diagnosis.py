@@ -193,6 +193,10 @@ def test_the_lines_of_an_answer_say_what_stands(capsys):
     assert "nrmse 0.1 -> 0.01 with the map (without it 0.2), noise alone 0.005" in said
     print_answer({**answer, "validation": {**answer["validation"], "noise_untold": True}})
     assert "without it 0.2), noise cannot be told from what is left" in capsys.readouterr().out
+    middle = {"centre": {"value": -7.2e-8, "unit": "m", "std_error": 1.7e-7}}
+    spring = {**effect, "name": "hardening_spring", "parameters": middle}
+    print_answer({**answer, "effects": [spring]})
+    assert "centre -7.2e-08 ± 1.7e-07 m" in capsys.readouterr().out
     fault = {"verdict": "inconclusive", "effects": [], "location": {}, "advice": ["flip y"]}
     print_answer({**fault, "model_corrections": []})
     assert "is to be mended before these recordings can tell" in capsys.readouterr().out

@@ -34,6 +34,7 @@ from ffl.diagnose.proof.experiments import (
     open_loop_designs,
 )
 from ffl.diagnose.recorded.trials import Trial, rest_under
+from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
 
 ENOUGH = 5.0  # standard deviations that tell two hypotheses apart
@@ -273,7 +274,10 @@ def _vaguest(scene: Scene, standing: Fit) -> Experiment | None:
     for k, (c, spread) in enumerate(zip(standing.model.coordinates, standing.spread, strict=True)):
         if c.kind != "effect" or c.place is not None:
             continue
+        parameter = EFFECTS[standing.model.names[c.effect]].parameter(c.name)
         value = 1.0 if c.log else abs(float(standing.model.theta[k]))
+        if parameter.is_place:
+            value = standing.model.base.travel if parameter.unit == "x" else 1.0
         if value > 0 and spread / value > worst and np.isfinite(spread):
             worst, index = float(spread / value), k
     if index < 0:
