@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest import search
+from ffl.diagnose.contest import hearing, search
 from ffl.diagnose.contest import settle as settling
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome, Step
@@ -186,6 +186,12 @@ def test_numbers_of_the_physics_that_an_effect_is_named_for(name, values, credib
     name, *kind = name.split()
     spec = EffectSpec(name, values, {"kind": kind[0]} if kind else {})
     assert EFFECTS[name].credible(spec, 8.0, 0.3) is credible
+
+
+def test_what_a_process_leaves_is_no_noise_to_be_heard_anew():
+    """The cascaded tanks lost overflow, bend and outflow to noise that was heard too low beside a clip."""
+    process = SimpleNamespace(model=SimpleNamespace(base=SimpleNamespace(is_process=True)))
+    assert not hearing.quieter(None, process)
 
 
 @pytest.mark.parametrize(("level", "credible"), [(0.0116, False), (0.0127, True), (0.013, True)])
