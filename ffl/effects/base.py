@@ -267,9 +267,8 @@ class Effect:
     def credible(
         self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
     ) -> bool:
-        """Whether the numbers of `spec`, found in recordings of `duration` (s) over a `travel` (output
-        units) with y up to `largest` beyond noise, are those of the physics that it is named for, not of
-        what stands in for something else."""
+        """Whether the numbers of `spec`, found over `duration` (s) and `travel` (output units) with y up to
+        `largest` beyond noise, are of the physics that it is named for, not of what stands in for it."""
         return True
 
     def idle(self, values: Parameters) -> tuple[str, ...]:
