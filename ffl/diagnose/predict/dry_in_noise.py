@@ -237,8 +237,8 @@ def _forms(
     }
     forms = [plain]
     for name, values in starts.items():
-        starts_of_it = [_with(bare, plain.noise, name, options, **own) for own in values]
-        forms.append(best_of(starts_of_it, trials))
+        begun_by = [_with(bare, plain.noise, name, options, **own) for own in values]
+        forms.append(best_of(begun_by, trials))
     judged = [_judged(found, scene, held) for found in forms]
     return _judged(none, scene, held), [one for one in judged if one is not None]
 

@@ -106,11 +106,10 @@ class Foretold:
 
 def best_of(starts: Sequence[Told], trials: Sequence[Trial]) -> Told:
     """What the best of several `starts` comes to: the one that is ahead after two rounds goes on."""
-    begun = [
-        refitted(start, trials, rounds=FIRST if len(starts) > 1 else ROUNDS) for start in starts
-    ]
-    best = max(begun, key=lambda told: told.worth(trials))
-    return refitted(best, trials) if len(starts) > 1 else best
+    if len(starts) > 1:
+        begun = [refitted(start, trials, rounds=FIRST) for start in starts]
+        starts = [max(begun, key=lambda told: told.worth(trials))]
+    return refitted(starts[0], trials)
 
 
 def refitted(
