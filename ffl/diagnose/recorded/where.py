@@ -61,7 +61,8 @@ class Forces:
 def forces(scene: Scene, model: Model) -> Forces | None:
     """The equivalent force disturbance of the first recording, band-limited to where it is seen.
 
-    The effects' own force plus the least force beside it (`wiener`) that explains the residual left.
+    The effects' own force plus the least force beside it (`wiener`) that explains the residual left. None
+    where all of that force belongs to the linear part (viscous friction): a line at 0 would say nothing.
     """
     kinds = [EFFECTS[e.name].port == "force" for e in model.effects]
     if not any(kinds):
@@ -71,6 +72,8 @@ def forces(scene: Scene, model: Model) -> Forces | None:
     fitted = (
         run.contribution[:, : len(kinds)][:, kinds].sum(axis=1) * model.simulator.force_per_input
     )
+    if not np.any(fitted):
+        return None
     size = float(np.mean((fitted / model.simulator.force_per_input) ** 2))
     beside = Wiener(scene, len(trial))(trial.y - run.y, size)
     return Forces(
