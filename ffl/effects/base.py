@@ -37,7 +37,7 @@ import numpy as np
 
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import force_unit, is_speed
-from ffl.effects.motion import Motion
+from ffl.effects.motion import Extent, Motion
 from ffl.effects.point import Point
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
@@ -264,11 +264,9 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
-        """Whether the numbers of `spec`, found over `duration` (s) and `travel` (output units) with y up to
-        `largest` beyond noise, are of the physics that it is named for, not of what stands in for it."""
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
+        """Whether the numbers of `spec`, found over recordings of this `extent`, are of the physics that it
+        is named for, not of what stands in for it."""
         return True
 
     def idle(self, values: Parameters) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import FIRST, STEP, TIME
 from ffl.effects.solve import bulge_of, set_curve
 from ffl.systems.plant import EffectSpec, Plant
@@ -55,12 +55,10 @@ class Drift(Effect):
         kind = float(KINDS.index(setting.options.get("kind", "exponential")))
         return [values["amplitude"] / setting.force_per_input, values["time_constant"], kind]
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """What settles at once is a load that begins, not a drift; a sine of which no recording holds a
         period is any bend."""
-        slow = float(spec.parameters["time_constant"]) / duration
+        slow = float(spec.parameters["time_constant"]) / extent.duration
         return slow >= BRIEF and (slow <= 1.0 or spec.options.get("kind") != "sine")
 
     def grid(self, motion: Motion) -> list[dict[str, Any]]:

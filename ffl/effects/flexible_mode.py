@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -56,9 +56,7 @@ class FlexibleMode(Effect):
             for z in (0.01, 0.1)
         ]
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """A mode resonates: above a damping of 1/sqrt(2) the hung mass answers no frequency by more
         than it does a slow one."""
         return bool(spec.parameters["damping"] < np.sqrt(0.5))

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.effects.cogging import Cogging
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -38,10 +38,8 @@ class GravityTorque(Effect):
         amplitude, centre = super().pack(values, setting)
         return [1.0, 1.0, -amplitude * math.cos(centre), amplitude * math.sin(centre)]
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
-        return travel > LEAST_TRAVEL
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
+        return extent.travel > LEAST_TRAVEL
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """-sin x and cos x: coefficients amplitude cos(centre) and amplitude sin(centre)."""

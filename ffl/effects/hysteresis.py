@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import COMMIT, X0, X1
 from ffl.effects.paths import bouc_wen, bouc_wen_step
 from ffl.effects.solve import end_motion, set_line
@@ -72,11 +72,11 @@ class Hysteresis(Effect):
     law = staticmethod(_law)
     remembers = True
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """What no travel turns around is a spring that bends, not a loop."""
-        return spec.options.get("kind") == KINDS[1] or spec.parameters["displacement"] < travel
+        return (
+            spec.options.get("kind") == KINDS[1] or spec.parameters["displacement"] < extent.travel
+        )
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         return [*super().pack(values, setting), float(setting.options.get("kind") == KINDS[1])]

@@ -10,6 +10,16 @@ from ffl.systems.state_space import Array
 
 
 @dataclass(frozen=True)
+class Extent:
+    """How far recordings reach: `duration` of the longest, s; `travel`, from the least y of all to the
+    largest, and `largest` |y| beyond noise, in output units."""
+
+    duration: float
+    travel: float = np.inf
+    largest: float = 0.0
+
+
+@dataclass(frozen=True)
 class Motion:
     """Simulated signals of one recording, each of shape (N,).
 

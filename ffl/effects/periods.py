@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -46,11 +46,9 @@ class Repeating(Effect):
             return Parameter(name, base.unit, base.lower, base.upper, base.linear, 0.0)
         return super().parameter(name)
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """What nothing shows to come again is any force by position."""
-        return AGAIN * float(spec.parameters["period"]) <= travel
+        return AGAIN * float(spec.parameters["period"]) <= extent.travel
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         """The numbers of `series`, forces in input units."""

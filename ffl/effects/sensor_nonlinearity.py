@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import MEAN
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -57,12 +57,12 @@ class SensorNonlinearity(Effect):
     def idle(self, values: Parameters) -> tuple[str, ...]:
         return ("level",) if values["kind"] == "rectified" else ()
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """What clips shows nothing beyond."""
         values = spec.parameters
-        return bool(values["kind"] != "clipping" or values["level"] > (1.0 - BEYOND) * largest)
+        return bool(
+            values["kind"] != "clipping" or values["level"] > (1.0 - BEYOND) * extent.largest
+        )
 
     def order(self, values: Parameters) -> int:
         return 1 if values["kind"] == "clipping" else 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters
 from ffl.effects.law import COMMIT, GV, V0, V1
 from ffl.effects.solve import set_friction
 from ffl.systems.plant import EffectSpec, Plant
@@ -65,9 +65,7 @@ class StribeckFriction(Effect):
     remembers = True
     switches = True
 
-    def credible(
-        self, spec: EffectSpec, duration: float, travel: float, largest: float = 0.0
-    ) -> bool:
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """Some of the level stays at speed; what vanishes there is no dry friction."""
         values = spec.parameters
         return bool(values["coulomb_level"] > LEAST * values["static_level"])

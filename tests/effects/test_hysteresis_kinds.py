@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ffl.effects import EFFECTS
+from ffl.effects.motion import Extent
 from ffl.effects.paths import RUNAWAY, bouc_wen, bouc_wen_step
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Physics, Plant
@@ -87,6 +88,8 @@ def test_a_path_before_the_recording_winds_it_up_by_its_own_length_at_most():
 def test_what_no_travel_turns_around_is_no_loop():
     wide = EffectSpec("hysteresis", {"force": 1.0, "displacement": 2.0})
     effect = EFFECTS["hysteresis"]
-    assert not effect.credible(wide, 5.0, 1.5)
-    assert effect.credible(wide, 5.0, 2.5)
-    assert effect.credible(EffectSpec(wide.name, wide.parameters, {"kind": "hardening"}), 5.0, 1.5)
+    assert not effect.credible(wide, Extent(5.0, 1.5))
+    assert effect.credible(wide, Extent(5.0, 2.5))
+    assert effect.credible(
+        EffectSpec(wide.name, wide.parameters, {"kind": "hardening"}), Extent(5.0, 1.5)
+    )

@@ -19,6 +19,7 @@ from ffl.diagnose.noise.noise import Paths
 from ffl.diagnose.noise.spread import spread
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
+from ffl.effects.motion import Extent
 from ffl.systems.state_space import Array
 
 PER_NUMBER = 4.0  # log-likelihood that one more free number must bring (BIC: half of log N)
@@ -261,16 +262,18 @@ def credible(judged: Judged) -> bool:
     was a delay of half a sample; dropped in the end as no effect at all, it left nobody in its place.)"""
     if not np.isfinite(judged.score):
         return False  # it ran away, or no machine has such numbers
-    if not all(EFFECTS[e.name].credible(e, *_recorded(judged)) for e in judged.model.effects):
+    if not all(EFFECTS[e.name].credible(e, _extent(judged)) for e in judged.model.effects):
         return False
     return all(netted(judged.scene, judged.model, name) is None for name in NAMES)
 
 
-def _recorded(judged: Judged) -> tuple[float, float, float]:
-    """(duration of the longest fitted recording (s), largest travel in any, largest y of the fitted)."""
+def _extent(judged: Judged) -> Extent:
+    """Of the fitted recordings; the travel is that of any."""
     trials = judged.scene.trials
     duration = max(len(trial) * trial.sample_time for trial in trials)
-    return duration, judged.model.base.travel or np.inf, max(trial.largest for trial in trials)
+    return Extent(
+        duration, judged.model.base.travel or np.inf, max(trial.largest for trial in trials)
+    )
 
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:

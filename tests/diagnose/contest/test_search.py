@@ -17,6 +17,7 @@ from ffl.diagnose.hypothesis.places import mass_is_corrected
 from ffl.diagnose.noise import unrest
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
+from ffl.effects.motion import Extent
 from ffl.systems.plant import EffectSpec
 
 THRESHOLD = 20.0
@@ -185,7 +186,7 @@ def test_no_other_way_where_nothing_is_left_or_the_rival_says_the_same():
 def test_numbers_of_the_physics_that_an_effect_is_named_for(name, values, credible):
     name, *kind = name.split()
     spec = EffectSpec(name, values, {"kind": kind[0]} if kind else {})
-    assert EFFECTS[name].credible(spec, 8.0, 0.3) is credible
+    assert EFFECTS[name].credible(spec, Extent(8.0, 0.3)) is credible
 
 
 def test_what_a_process_leaves_is_no_noise_to_be_heard_anew():
@@ -202,7 +203,7 @@ def test_a_scale_that_ends_shows_nothing_beyond(level, credible):
     y = np.full(2000, 0.0128) + 1e-4 * np.random.default_rng(0).standard_normal(2000)
     trial = Trial("a", 0.0, 1e-3, y, y, None, y, y, y, y, True, None)
     assert trial.largest == pytest.approx(0.0128, rel=0.02)
-    assert EFFECTS[spec.name].credible(spec, 8.0, 0.3, trial.largest) is credible
+    assert EFFECTS[spec.name].credible(spec, Extent(8.0, 0.3, trial.largest)) is credible
 
 
 def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, record, scenes):
