@@ -36,6 +36,7 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
         return len(asked) == 1
 
     monkeypatch.setattr(search, "_worse", worse)
+    monkeypatch.setattr(search, "_with_who_was_turned_down", lambda outcome, *_: outcome)
     outcome = search.contest(scene, held, model, THRESHOLD)
     (first,) = asked[0]
     assert outcome.steps[0].accepted is None  # the first that came in, turned down
