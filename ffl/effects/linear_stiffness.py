@@ -12,11 +12,12 @@ from ffl.systems.state_space import Array
 
 
 class LinearStiffness(Effect):
-    """F = -stiffness (x - centre), put into the linear part and so exact at any size."""
+    """F = -stiffness (x - centre), put into the linear part and so exact at any size. Below 0 it pushes
+    away from its centre, as magnets do."""
 
     name = "linear_stiffness"
     parameters = (
-        Parameter("stiffness", "F/x"),
+        Parameter("stiffness", "F/x", lower=-np.inf),
         Parameter("centre", "x", lower=-np.inf, default=0.0),
     )
     depends_on = ("position",)
@@ -33,8 +34,8 @@ class LinearStiffness(Effect):
         return np.column_stack([-motion.x, np.ones_like(motion.x)])
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
-        stiffness = max(float(coefficients[0]), 0.0)
-        centre = float(coefficients[1]) / stiffness if stiffness > 0 else 0.0
+        stiffness = float(coefficients[0])
+        centre = float(coefficients[1]) / stiffness if stiffness else 0.0
         return {"stiffness": stiffness, "centre": centre}
 
     def coefficients_of(self, values: Parameters) -> Array:
@@ -42,9 +43,9 @@ class LinearStiffness(Effect):
 
     def says(self, values: Parameters, plant: Plant) -> str:
         stiffness = self.quantity(values, "stiffness", plant)
-        what = (
-            f"A spring of {stiffness} pulls"
-            if moves(plant)
-            else f"{stiffness} more drive the output"
-        )
-        return f"{what} towards {self.quantity(values, 'centre', plant)}."
+        centre = self.quantity(values, "centre", plant)
+        if not moves(plant):
+            return f"{stiffness} more drive the output towards {centre}."
+        if values["stiffness"] < 0.0:
+            return f"A negative stiffness of {stiffness} pushes away from {centre}."
+        return f"A spring of {stiffness} pulls towards {centre}."

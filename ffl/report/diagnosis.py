@@ -75,7 +75,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     """The answer in a few lines."""
     print(f"{answer['verdict']}: {_headline(answer['verdict'], 'validation' in answer)}")
     for e in answer["effects"]:
-        print(f"  {e['name']} ({e['location']}, confidence {e['confidence']:.2f}): {e['says']}")
+        at = _component(e["location"], e.get("options", {}))
+        print(f"  {e['name']} ({at}, confidence {e['confidence']:.2f}): {e['says']}")
         known = {k: n for k, n in e["parameters"].items() if _plain(n["value"])}
         own = EFFECTS[e["name"]]
         numbers = [_with_error(k, n, own.parameter(k).is_place) for k, n in known.items()]
@@ -87,7 +88,9 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         said = (
             f"{c['relative']:+.3g} {c['unit']}" if "unit" in c else f"{100 * c['relative']:+.3g} %"
         )
-        if "std_error" not in c:
+        if "std_error" not in c and answer["verdict"] == "unnamed":
+            said += ", beside the map, whose slope it may be"
+        elif "std_error" not in c:
             said += ", as far as it may go: what stands behind it is something else"
         print(f"  model correction {c['name']}: {said}")
     if answer["location"].get("where"):
@@ -112,6 +115,12 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print(f"  note: {line}")
     if "transmission" in answer:
         print_transmission(answer["transmission"])
+
+
+def _component(location: str, options: Mapping[str, Any]) -> str:
+    """The component, and which side of a coupling where the two were told apart."""
+    side = options.get("side")
+    return f"{location}, at the {side}" if side in ("motor", "load") else location
 
 
 def _headline(verdict: str, proven: bool) -> str:
@@ -175,7 +184,8 @@ def page_of(d: Diagnosis) -> Page:
 def _overview(page: Page, d: Diagnosis) -> None:
     page.section("What was found")
     for f in d.findings:
-        page.note(f"{f.name} ({f.location}, confidence {f.confidence:.2f}): {f.says}", "good")
+        at = _component(f.location, f.options)
+        page.note(f"{f.name} ({at}, confidence {f.confidence:.2f}): {f.says}", "good")
         rows = [
             [name, n.value, n.unit, n.std_error]
             for name, n in f.parameters.items()

@@ -6,7 +6,7 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
-from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, own_damping
+from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, LINE, NAMES, own_damping
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
@@ -35,16 +35,49 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
         if c.kind != "correction" or (process and c.name == "mass"):
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))
-        if abs(value) < 3.0 * spread:
-            continue
-        if c.name == "damping" and abs(value) > HUNDREDFOLD * damping:
-            out.append(ModelCorrection(c.name, value, float(spread), "1/s"))
-            continue
-        scale = 1.0 / damping if c.name == "damping" else 1.0
-        ends = any(abs(value - end) < AT_ITS_END * abs(end) for end in (c.lower, c.upper))
-        error = None if ends else float(spread * scale)
-        out.append(ModelCorrection(c.name, value * scale, error))
+        if abs(value) >= 3.0 * spread:
+            ends = any(abs(value - end) < AT_ITS_END * abs(end) for end in (c.lower, c.upper))
+            out.append(_told(c.name, value, None if ends else float(spread), damping))
     return tuple(out)
+
+
+def beside_maps(model: Model) -> tuple[ModelCorrection, ...]:
+    """Those of a `model` that has maps in it, beyond the contract's line, with no error of their own: what
+    of a number is the map's slope nobody can tell."""
+    damping = own_damping(model)
+    told = [_told(name, value, None, damping) for name, value in model.corrections.items()]
+    return tuple(c for c in told if c.unit or abs(c.relative) > LINE)
+
+
+def _told(name: str, value: float, error: float | None, damping: float) -> ModelCorrection:
+    """As a share of what the plant file has; a damping that it has as good as none of by its size."""
+    if name == "damping" and abs(value) > HUNDREDFOLD * damping:
+        return ModelCorrection(name, value, error, "1/s")
+    scale = 1.0 / damping if name == "damping" else 1.0
+    return ModelCorrection(name, value * scale, None if error is None else error * scale)
+
+
+def as_gain(standing: Judged) -> float | None:
+    """Change of the drive's gain, where it says the same with one number: mass, damping and stiffness all
+    off by one share s, (1 + gain)(1 + s) = 1. None where they are not."""
+    model = standing.model
+    damping = own_damping(model)
+    if damping <= 0.0 or model.base.is_process:
+        return None
+    shares = {}
+    for c, spread in zip(model.coordinates, standing.spread, strict=True):
+        if c.kind == "effect" and model.effects[c.effect].name == NAMES["mass"]:
+            shares["mass"] = model.effects[c.effect].parameters["change"], float(spread)
+        elif c.kind == "correction" and c.name in NAMES:
+            scale = damping if c.name == "damping" else 1.0
+            shares[c.name] = model.corrections.get(c.name, 0.0) / scale, float(spread) / scale
+    if set(shares) != set(NAMES):
+        return None
+    value, error = shares.pop("mass")
+    sure = abs(value) > LINE and abs(value) > 10.0 * error
+    alike = all(abs(v - value) < 3.0 * np.hypot(e, error) for v, e in shares.values())
+    told = all(abs(v) > 3.0 * e for v, e in shares.values())
+    return 1.0 / (1.0 + value) - 1.0 if sure and alike and told else None
 
 
 def _gain_at_rest(standing: Judged) -> list[ModelCorrection]:

@@ -16,7 +16,7 @@ from ffl.diagnose.contest.posterior import probabilities
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import of_its_own
-from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
+from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import Running
 from ffl.diagnose.maps.picture import MapPicture, picture
@@ -25,7 +25,7 @@ from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import prove, run_plant, with_map
-from ffl.diagnose.proof.verdict import BEYOND, LOUD, loudness, verdict
+from ffl.diagnose.proof.verdict import BEYOND, LOUD, LOUDER, loudness, verdict
 from ffl.diagnose.recorded import sound, where
 from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
@@ -103,6 +103,10 @@ def conclude(
         said, place = "nothing_missing", where.Place("", "", ())
     if sizeless:
         said = said if told else "unnamed"
+    if told and said == "partly_explained" and (loud := loudness(model, standing)) > LOUDER:
+        notes.append(
+            f"what is left is {loud:.2g} times as loud as the plant file's noise can make it"
+        )
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
@@ -115,6 +119,12 @@ def conclude(
     unsure = trusted and not model.machine.states_noise
     if said == "explained" and unsure and proof.nrmse_after > MOST * proof.nrmse_before:
         said = "partly_explained"
+    elif said == "explained" and unsure and (loud := loudness(model, standing, True)) > LOUDER:
+        said = "partly_explained"
+        notes.append(
+            f"what is left is {loud:.2g} times as loud as the stated sensor_noise can make it; no "
+            "force_noise is stated, and nobody knows that the rest is noise: state it in [machine]"
+        )
     if another:
         said = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
@@ -151,7 +161,17 @@ def conclude(
     if said != "nothing_missing" and not another and not observed:
         with suppress(InputError):  # limits too narrow for any move or wave
             experiment = plan(standing.scene, standing.fit, outcome, nameless)
-    moved = () if bare is not standing.model or said == "inconclusive" else corrections(standing)
+    moved = corrections(standing) if bare is standing.model else ()
+    if maps and augmented is not model:
+        moved = beside_maps(bare)
+    elif said == "inconclusive":
+        moved = ()
+    gain = as_gain(standing) if told and said != "inconclusive" and bare is standing.model else None
+    if gain is not None:
+        notes.append(
+            "mass, damping and stiffness are off by one and the same share: one number says as much, the "
+            f"gain of the drive, {100.0 * gain:+.3g} %"
+        )
     lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
     if said == "nothing_missing" and lowered and not moved:
         notes.append(

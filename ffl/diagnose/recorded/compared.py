@@ -17,9 +17,11 @@ SPAN = 5  # samples over which the speed is read
 
 
 def moved_by(plant: Plant, y: Array) -> list[Array]:
-    """What drag, dry friction and a spring that hardens depend on, along the motion as measured."""
+    """What drag, dry friction, dampers and springs depend on, along the motion as measured; a spring may
+    push instead (a magnetic bearing)."""
     v = y if is_speed(plant.output_unit) else np.gradient(scipy.ndimage.uniform_filter1d(y, SPAN))
-    return [v * np.abs(v), np.sign(v), (y - np.mean(y)) ** 3]
+    x = y - np.mean(y)
+    return [v * np.abs(v), np.sign(v), x**3, v, x, -x]
 
 
 def compared(

@@ -198,14 +198,20 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
                 "unit", "the unit of y",
                 f"y is {factor:.4g} times what the controller saw: correct its unit in the mapping",
             )  # fmt: skip
-    # u late (what the controller gives as a whole), or y late or early.
+    # u late (what the controller gives as a whole), or y or r late or early.
     near = min(max(0.3 * stated, 1e-4), 0.1)
     given = eq.f + eq.by_r - eq.by_y
     behind, late = min((_moved(eq, eq.u - np.roll(given, k)), k) for k in range(1, SHIFTS))
-    best, at = min(
-        (_moved(eq, eq.u - eq.f - eq.by_r + np.roll(eq.by_y, -s)), s)
-        for k in range(1, SHIFTS)
-        for s in (k, -k)
+    shifts = [s for k in range(1, SHIFTS) for s in (k, -k)]
+    best, at, column, others = min(
+        *(
+            (_moved(eq, eq.u - given + np.roll(eq.by_y, -s) - eq.by_y), s, "y", "u and r")
+            for s in shifts
+        ),
+        *(
+            (_moved(eq, eq.u - given + eq.by_r - np.roll(eq.by_r, -s)), s, "r", "u and y")
+            for s in shifts
+        ),
     )
     left, (g,), _ = eq.left(eq.u - eq.f, [eq.by_r - eq.by_y])
     alike = left < min(good, behind, best)
@@ -233,10 +239,16 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
             f"[controller] {late} pole{'s'[: late > 1]} at 0 more), or align the columns",
         )  # fmt: skip
     if best < near:
-        word = "late" if at > 0 else "early"
+        word, plural = "late" if at > 0 else "early", "sample" if abs(at) == 1 else "samples"
+        as_well = ""
+        if (column, word) == ("y", "early"):
+            as_well = (
+                f", or, where they are, y reaches the controller {abs(at)} {plural} late: give its "
+                f"feedback {abs(at)} pole{'s'[: abs(at) > 1]} at 0 more"
+            )
         return fault(
             "shift", "the time base",
-            f"y is {abs(at)} samples {word} against u and r: align the columns",
+            f"{column} is {abs(at)} {plural} {word} against {others}: align the columns{as_well}",
         )  # fmt: skip
     local = _local(eq, rest, plant.sample_time, name)
     if local is not None:

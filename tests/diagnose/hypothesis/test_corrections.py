@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest.line import LATE, slight
+from ffl.diagnose.hypothesis.amounts import own_damping
 from ffl.diagnose.hypothesis.coordinate import Coordinate
-from ffl.diagnose.hypothesis.corrections import corrections
+from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections
 from ffl.diagnose.hypothesis.linear import corrected, corrected_plant, corrections_of
 from ffl.diagnose.hypothesis.model import Base
 from ffl.machines.simulator import Simulator
@@ -108,3 +109,29 @@ def _paths(mechanics, point, w):  # type: ignore[no-untyped-def]
         mechanics.c @ at @ point.force,
         point.velocity @ at @ point.force,
     ]
+
+
+def moved(standing, **values):  # type: ignore[no-untyped-def]
+    """A mass on a spring with a damper whose mass was changed, the rest corrected, to a thousandth."""
+    plant = Plant("on a spring", Zpk([-1.0], [0.99 + 0.05j, 0.99 - 0.05j], 5e-8, T), None)
+    change = EffectSpec("mass_change", {"change": values.pop("mass")})
+    found = standing(0.999, values, [change])
+    found.model.base = Base.of(plant)
+    found.spread = [2e-3 * abs(v) for v in values.values()] + [2e-5]
+    return found
+
+
+@pytest.mark.parametrize(("stiffness", "one"), [(-0.0291, True), (-0.02, False), (0.0291, False)])
+def test_mass_damping_and_stiffness_off_by_one_share_are_the_gain_of_the_drive(stiffness, one):
+    plant = moved(standing, mass=-0.0291, damping=1.0).model.base
+    damping = own_damping(SimpleNamespace(base=plant))
+    found = moved(standing, mass=-0.0291, damping=-0.0291 * damping, stiffness=stiffness)
+    gain = as_gain(found)
+    assert gain == pytest.approx(0.02997, rel=1e-3) if one else gain is None
+
+
+def test_what_went_into_the_plant_beside_a_map_is_told_without_an_error():
+    model = standing(0.999, {"mass": 0.01, "damping": 1.4}).model  # d = 1/s
+    (found,) = beside_maps(model)
+    assert (found.name, found.std_error) == ("damping", None)
+    assert found.relative == pytest.approx(1.4, rel=0.01)

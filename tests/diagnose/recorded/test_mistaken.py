@@ -156,3 +156,18 @@ def test_a_drive_behind_which_the_controller_winds_up_is_no_wrong_unit(stage, re
     plain, _ = record(stage)
     (fault,) = mistakes(stage, [replace(plain, y=1e-3 * plain.y)])
     assert fault.kind == "unit"
+
+
+def test_a_bearing_that_pushes_is_no_wrong_unit(stage, record):  # type: ignore[no-untyped-def]
+    """The command holds what the magnets push: y is a tenth, or less, of what the model makes of it. Such
+    a machine is named (a reviewer's magnetic bearing was refused)."""
+    push = EffectSpec("linear_stiffness", {"stiffness": -2.0e4, "centre": 0.0})
+    run, other = record(replace(stage, effects=(push,)))
+    factor, _ = factor_of(stage, run.u, run.y)
+    assert factor < 0.1
+    assert mistakes(stage, [run]) == ()
+    answer = diagnose(stage, [run], [other]).answer()
+    assert [e["name"] for e in answer["effects"]] == ["linear_stiffness"]
+    stiffness = answer["effects"][0]["parameters"]["stiffness"]["value"]
+    assert stiffness == pytest.approx(-2.0e4, rel=1e-3)
+    assert "negative stiffness" in answer["effects"][0]["says"]

@@ -59,6 +59,15 @@ def test_a_controller_that_takes_its_time_is_told_from_a_late_output(stage, clea
     assert "y is 2 samples late" in soundness(stage, [late]).faults[0].mend
 
 
+def test_a_reference_logged_late_is_told_from_an_output_logged_early(stage, clean):  # type: ignore[no-untyped-def]
+    late = _with(clean, r=np.concatenate([[clean.r[0]], clean.r[:-1]]))
+    assert "r is 1 sample late against u and y" in soundness(stage, [late]).faults[0].mend
+    early = _with(clean, y=np.concatenate([clean.y[2:], [clean.y[-1]] * 2]))
+    said = soundness(stage, [early]).faults[0].mend
+    assert "y is 2 samples early against u and r" in said
+    assert "reaches the controller 2 samples late" in said
+
+
 def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignore[no-untyped-def]
     c = stage.controller.reference
     other = replace(stage, controller=Controller.of_error(replace(c, gain=c.gain / 1.25)))
