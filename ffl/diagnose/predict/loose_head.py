@@ -71,7 +71,7 @@ def with_loose_head(
         return outcome
     say("a play of what is measured is looked for from sample to sample")
     begun = start(scene, told, standing.model)
-    if begun is None:
+    if begun is None or spared(begun, scene, standing.model):
         return outcome
     short = tuple(shortened(scene, LOOK))
     company = joined(Company(regapped(begun, short), short), scene, able, regapped)
@@ -131,6 +131,21 @@ def start(scene: Scene, told: Model, stood: Model) -> Slip | None:
         if best.worth(trials) > least + PROMISES:
             return replace(best, noise=scene.noise)
     return None
+
+
+def spared(begun: Slip, scene: Scene, stood: Model) -> bool:
+    """Whether what the contest named foretells better than the play alone, and no play beside it better
+    still: then no play is looked for with who else is missing."""
+    trials = shortened(scene, GLANCE)
+    company = tuple(spec for spec in stood.effects if able(spec))
+    bare = refitted(Slip(replace(stood, effects=company), scene.noise), trials)
+    worth = bare.worth(trials)
+    if not company or not worth > begun.worth(trials) + PROMISES:
+        return False
+    travel = stood.base.travel
+    grid = [_with_gap(bare.model, gap * travel, scene.noise) for gap in GRID]
+    best = max(grid, key=lambda h: h.worth(trials))
+    return refitted(rescanned(best, trials), trials).worth(trials) < worth + PROMISES
 
 
 def regapped(found: Slip, trials: Sequence[Trial]) -> Slip:

@@ -41,9 +41,11 @@ from ffl.diagnose.predict.joining import (
 )
 from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import (
+    GLANCE,
     GRIDS,
     LOOK,
     LOOSENESS,
+    PROMISES,
     Hypothesis,
     able,
     closed,
@@ -93,6 +95,8 @@ def with_rattling(
     levels = LOOSENESS if loud else LOOSENESS[QUIET:]
     begun, levels = started(scene, told, standing.model.effects, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
+        return outcome
+    if not brings(begun, scene):
         return outcome
     found = burdened(needed(settled(begun, scene, levels), scene.trials), scene)
     company = accompanied(found, scene)
@@ -146,6 +150,14 @@ def started(
         (begun.worth(scene.trials), begun, after) for begun, after in ways if begun is not None
     ]
     return max(found, key=lambda way: way[0])[1:] if found else (None, levels)
+
+
+def brings(begun: Hypothesis, scene: Scene) -> bool:
+    """Whether the gap foretells better than none where all other numbers are free in either: beside a model
+    whose numbers are slightly off a grid of gaps always holds a better one."""
+    trials = shortened(scene, GLANCE)
+    bare = closed(begun, trials).worth(trials)
+    return refitted(begun, trials).worth(trials) > bare + PROMISES
 
 
 def accompanied(found: Hypothesis, scene: Scene) -> Company[Hypothesis]:
