@@ -122,10 +122,10 @@ def _finding(f: Finding) -> dict[str, Any]:
             "location": f.location,
             "parameters": parameters,
             "options": dict(f.options),
-            "confidence": f.confidence,
+            "confidence": round(f.confidence, 4),
             "p_value": f.p_value,
             "says": f.says,
-            "alternatives": [{"name": n, "confidence": p} for n, p in f.alternatives],
+            "alternatives": [{"name": n, "confidence": round(p, 4)} for n, p in f.alternatives],
         }
     )
 

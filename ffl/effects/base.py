@@ -48,9 +48,9 @@ Parameters = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter: `unit` in terms of F (force), x (output unit), s, Hz, rad; bounds; `linear` where
-    the effect's contribution is linear in it; `optional` with a default; `stepped` where the motion
-    changes with it in steps, so that no slope tells how sure it is; `neutral`: where it does nothing."""
+    """A parameter: `unit` in F (force), x (position), y (output), s, Hz, rad; bounds; `linear` where the
+    contribution is; `optional` with a default; `stepped` where the motion changes with it in steps, so that
+    no slope tells how sure it is; `neutral`: where it does nothing."""
 
     name: str
     unit: str
@@ -69,7 +69,8 @@ class Parameter:
     def unit_in(self, plant: Plant) -> str:
         """The unit in words: 'N s/m' where the motor constant is known, else in the input's unit."""
         measured = plant.output_unit or "output"
-        words = {"F": force_unit(plant), "u": plant.input_unit or "input", "x": measured}
+        words = {"F": force_unit(plant), "u": plant.input_unit or "input"}
+        words |= dict.fromkeys("xy", measured)
         if is_speed(measured) and "x" in self.unit:  # x is the integral of what is measured
             words["x"] = "\0"
         text = " ".join(
@@ -77,7 +78,7 @@ class Parameter:
         )
         text = text.replace("\0/s", measured).replace(" s/\0", f"/({measured})")
         text = text.replace(" s^2/\0^2", f"/({measured})^2")
-        return text.replace("\0", f"({measured} s)")
+        return text.replace("\0", measured[:-2] if measured.endswith("/s") else f"({measured} s)")
 
 
 def _power(word: str, words: Mapping[str, str]) -> str:

@@ -27,7 +27,7 @@ class EncoderRipple(Repeating):
     port = "output"
     sides = ("sensor",)
     parameters = (
-        Parameter("amplitude", "x"),
+        Parameter("amplitude", "y"),
         Parameter("period", "x", lower=1e-12, linear=False),
         Parameter("phase", "rad", lower=-np.inf, default=0.0),
     )

@@ -30,7 +30,7 @@ class SensorNonlinearity(Effect):
     component = "sensor"
     port = "output"
     sides = ("sensor",)
-    parameters = (Parameter("kind", "", linear=False), Parameter("level", "x", default=0.0))
+    parameters = (Parameter("kind", "", linear=False), Parameter("level", "y", default=0.0))
     depends_on = ("position",)
     ladder = ("level", np.linspace(0.93, 1.07, 15))
     siblings = ("encoder_ripple", "saturation", "hardening_spring")

@@ -12,6 +12,7 @@ from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
 
 HARDLY = 1e-3  # of a sample: a delay or lag below it is no news to anybody
+NO_NEWS = 1e-6  # of what the plant file has: a change that no engineer would make
 AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 
@@ -38,7 +39,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
         if abs(value) >= 3.0 * spread:
             ends = any(abs(value - end) < AT_ITS_END * abs(end) for end in (c.lower, c.upper))
             out.append(_told(c.name, value, None if ends else float(spread), damping))
-    return tuple(out)
+    return tuple(c for c in out if abs(c.relative) > NO_NEWS)
 
 
 def beside_maps(model: Model) -> tuple[ModelCorrection, ...]:

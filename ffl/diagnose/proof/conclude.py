@@ -47,6 +47,7 @@ MOST = (
     0.5  # of the nrmse before: where no noise is stated, nobody knows that more than this is noise
 )
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
+DIGITS = 1e-9  # of y's range: what is left below that is rounding
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 
@@ -65,8 +66,10 @@ def conclude(
     recordings `held`, the contest's `outcome` and the hypothesis `standing` after it."""
     turned = replace(standing.fit, model=within_a_turn(standing.model))
     standing = replace(standing, fit=turned)
-    if standing.predicted:  # nothing that a free run leaves says what is still missing
-        nameless = Contest("named", None, None, 0.0, 0.0, None)
+    rounded = not standing.predicted and _rounding(standing)
+    if standing.predicted or rounded:  # nothing that is left says what is still missing
+        named_all = "named" if standing.predicted or standing.model.effects else "nothing"
+        nameless = Contest(named_all, None, None, 0.0, 0.0, None)
     else:
         scene = outcome.standing.scene.like(standing.scene)
         judging = (outcome.held or held).like(scene)
@@ -98,6 +101,8 @@ def conclude(
     trusted = not standing.predicted and not nameless.led
     runs = proof.nrmse_after / proof.noise_floor if trusted and proof.noise_floor > 0 else 1.0
     said, place = verdict(model, standing, nameless, runs)
+    if rounded and said == "partly_explained":
+        said = "explained"
     told, sizeless = named(standing, model, said != "partly_explained")
     if effects and not told and not sizeless and nameless.verdict == "named":
         said, place = "nothing_missing", where.Place("", "", ())
@@ -202,6 +207,16 @@ def conclude(
         forces=where.forces(standing.scene, standing.model)
         if effects and bare is standing.model
         else None,
+    )
+
+
+def _rounding(standing: Judged) -> bool:
+    """What is left of recordings without noise is that of the arithmetic, and of the digits in a file."""
+    trials = standing.scene.trials
+    left = standing.scene.residuals(standing.model)
+    return left is not None and all(
+        float(np.std(e)) < DIGITS * float(np.ptp(trial.y))
+        for e, trial in zip(left, trials, strict=True)
     )
 
 
