@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ffl.errors import InputError
-from ffl.learn.constraints import Constraints
+from ffl.learn.constraints import Constraints, known_command
 from ffl.learn.free_signal import FreeSignalUpdate, minimiser
 from ffl.learn.norm_optimal import Update, UpdateReport
 from ffl.learn.weights import Weights, as_filter
@@ -201,10 +201,8 @@ class BoundedFreeSignal(FreeSignalUpdate):
         for row in self.rows:
             if row.name != "command":
                 columns.append(row.system.filter(feedforward))
-            elif command is None:
-                raise InputError("constraints.command needs the trial's command u; it is missing")
             else:
-                columns.append(command / row.scale)
+                columns.append(known_command(command) / row.scale)
         return np.column_stack(columns)
 
     def _kkt(self, feedforward, error, change, walls, value) -> float:  # type: ignore[no-untyped-def]

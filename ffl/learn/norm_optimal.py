@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffl.bases import Basis
 from ffl.errors import InputError
-from ffl.learn.constraints import Constraints
+from ffl.learn.constraints import Constraints, known_command
 from ffl.learn.coordinates import Coordinates, orthonormal
 from ffl.learn.weights import Weights, apply_weight, is_zero
 from ffl.machines import linear_part
@@ -215,12 +215,8 @@ class NormOptimal:
                 )
                 rows.append(Rows(name, rate / t, np.zeros(n), low, high))
             elif name == "command":
-                if command is None:
-                    raise InputError(
-                        "constraints.command needs the trial's command u; it is missing"
-                    )
                 matrix = self.to_command.filter_columns(self.regressors)
-                offset = command - self.to_command.filter(feedforward)
+                offset = known_command(command) - self.to_command.filter(feedforward)
                 rows.append(Rows(name, matrix, offset, low, high))
             else:
                 eye = np.eye(self.regressors.shape[1])

@@ -89,10 +89,14 @@ def learn_from_recording(
     target = error + sp.filter(recording.f)
     free = _free_response(sp, len(error))
     start, joint = _joint(response, free, phi, target, weights)
-    update = updater.update(theta, target - start - response @ theta, recording.u)
+    command = recording.f if model.controller is None else recording.u
+    try:
+        update = updater.update(theta, target - start - response @ theta, command)
+    except InputError as refused:
+        raise InputError(f"{recording.source}: {refused}") from None
     predicted = target - start - response @ update.theta
     servo = orthonormal(joint)
-    command = apply_weight(weights.error, sp.filter(_servo(model, recording.r)))
+    own = apply_weight(weights.error, sp.filter(_servo(model, recording.r)))
     notes += list(recording.notes)
     return Step(
         tuple(basis.names),
@@ -103,7 +107,7 @@ def learn_from_recording(
         start,
         predicted,
         standard_errors(joint, apply_weight(weights.error, predicted), updater.loop),
-        servo.theta(servo.coordinates(command)),
+        servo.theta(servo.coordinates(own)),
         update.report,
         t,
         tuple(notes),
@@ -154,6 +158,15 @@ def _check(model: Plant, recording: Recording) -> None:
         if not np.all(np.isfinite(values)):
             at = int(np.argmin(np.isfinite(values)))
             raise InputError(f"{recording.source}: column {name}, row {at + 1} is not a number")
+    fed_back = float(np.abs(np.nan_to_num(recording.u - recording.f)).max())
+    if model.controller is None and fed_back > 1e-6 * float(
+        np.abs(np.nan_to_num(recording.u)).max()
+    ):
+        raise InputError(
+            f"{recording.source}: the command u is not the feedforward f, so a controller was at work, "
+            f"and model '{model.name}' has no [controller]: the step would take the loop for open; "
+            "write the controller into the model"
+        )
 
 
 def _free_response(system: StateSpace, n: int) -> Array:

@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from ffl.bases import make_basis
 from ffl.cli import execute
 from ffl.errors import InputError
-from ffl.learn import Weights
-from ffl.learn.step import learn_from_recording
+from ffl.learn import Constraints, Weights
+from ffl.learn.step import _GoingOn, learn_from_recording
 from ffl.recordings import Recording, read_recording, write_recording
 from ffl.systems import Controller, Plant, Zpk, closed_loop, load_plant
 
@@ -199,6 +200,37 @@ def test_a_wrong_state_is_refused(state, says, files, tmp_path, capfd):
     assert execute([*files, "--state", "state.json", "--out", "one"]) == 2
     assert says in capfd.readouterr().err
     assert not (tmp_path / "one").exists()
+
+
+def test_a_bound_on_a_command_that_is_not_known_is_refused():
+    """A u that is not a number would lie within every bound."""
+    recording = recorded(servo(90.0), motion(3000))
+    unknown = replace(recording, u=np.full(3000, np.nan), missing=frozenset({"u"}))
+    with pytest.raises(InputError, match=r"recording: constraints.command .* record u"):
+        learn_from_recording(
+            load_plant("emps"), make_basis(BASIS, T), unknown, Weights(), Constraints(command=1e-3)
+        )
+
+
+def test_an_open_loop_machine_is_learned_too_and_no_closed_one_is_taken_for_it():
+    """Without a controller the plant integrates, and its command is the feedforward, recorded or not."""
+    mass = 4.5
+    model = Plant("free mass", Zpk([-1.0], [1.0, 1.0], T**2 / (2 * mass), T), None)
+    basis, reference = make_basis(BASIS, T), motion(3000)
+    previous = np.array([5.0, 0.0])
+    recording = recorded(
+        model, reference, noise=1e-7, feedforward=_GoingOn(basis).regressors(reference) @ previous
+    )
+    recording = replace(recording, u=np.full(3000, np.nan), missing=frozenset({"u"}))
+    step = learn_from_recording(model, basis, recording, Weights(), previous=previous)
+    assert step.theta[0] == pytest.approx(mass, rel=1e-3)
+    assert np.all(np.isfinite(step.std_error))
+    limit = 0.9 * np.abs(step.feedforward).max()
+    bounds = Constraints(command=limit)
+    bounded = learn_from_recording(model, basis, recording, Weights(), bounds, previous)
+    assert np.abs(bounded.feedforward).max() == pytest.approx(limit, rel=1e-6)
+    with pytest.raises(InputError, match="a controller was at work"):
+        learn_from_recording(model, basis, recorded(servo(90.0), reference), Weights())
 
 
 def test_another_sample_time_is_refused():
