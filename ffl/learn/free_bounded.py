@@ -146,7 +146,7 @@ class BoundedFreeSignal(FreeSignalUpdate):
         bounds = sum(int(wall.exists.sum()) for wall in walls)
         criterion = np.broadcast_to(self.factors, (self.n, self.factors.shape[1]))
         for _ in range(ROUNDS):
-            left = self._left(feedforward, error, change)
+            left = self.left(feedforward, error, change)
             gap = sum(float(np.sum(w.slack * w.dual)) for w in walls)
             mu = gap / bounds
             worst = max(float(np.abs(w.violation(value)).max()) for w in walls)
@@ -186,11 +186,6 @@ class BoundedFreeSignal(FreeSignalUpdate):
                     wall_at = float(np.min(-now[shrinks] / step[shrinks]))
                     length = min(length, TO_THE_WALL * wall_at)
         return moved, shift, steps, length
-
-    def _left(self, feedforward: Array, error: Array, change: Array) -> Array:
-        """Targets of the criterion that are left after `change`: rounding does not add up."""
-        own = StateSpace(self.a, self.b[:, None], self.c, self.d[:, None], 1.0)
-        return self.targets(feedforward, error) - own.filter(change)
 
     def _values(self, change: Array) -> Array:
         return np.column_stack([row.system.filter(change) for row in self.rows])

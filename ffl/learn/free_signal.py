@@ -19,13 +19,18 @@ from ffl.machines import linear_part
 from ffl.systems import Plant, series
 from ffl.systems.state_space import Array, StateSpace
 
+SETTLING = 20000  # samples from the end after which the gain is first tried as stationary
+FALLING = 0.01  # of the residual that a solve must at most leave, or the gain has not settled
+OPTIMAL = 1e-10  # residual at which no further solve is worth its time
+
 
 @njit(cache=True)
 def _backwards(a, b, c, d, weight, target, gains, feed):  # type: ignore[no-untyped-def]
-    """Cost to go V(x) = x'Px - 2p'x; fills feed (N) and gains; returns the first stationary t.
+    """Cost to go V(x) = x'Px - 2p'x; fills feed (N) and gains; returns the first stationary t, or
+    -1 - t where nothing weighs the input of sample t.
 
-    With constant weights P converges going backwards; from there on the gain is constant and only
-    the vector p is carried. Row 0 of `gains` then holds the constant gain, row t - first + 1 the
+    With constant weights P converges going backwards; from there on, or where the rows of `gains` end,
+    the gain is constant and only the vector p is carried. Row 0 of `gains` then holds the constant gain, row t - first + 1 the
     gain of sample t >= first.
     """
     n_samples, n_outputs = target.shape
@@ -37,6 +42,7 @@ def _backwards(a, b, c, d, weight, target, gains, feed):  # type: ignore[no-unty
     gain = np.zeros(n)
     following = np.zeros(n)
     work = np.zeros((n, n))
+    moved = np.zeros(n)
     stationary = False
     first = 0
     r = 1.0
@@ -44,24 +50,26 @@ def _backwards(a, b, c, d, weight, target, gains, feed):  # type: ignore[no-unty
         t = n_samples - 1 - k
         w = weight[0] if constant else weight[t]
         if not stationary:
-            for i in range(n):
-                for j in range(n):
-                    value = 0.0
-                    for m in range(n):
-                        value += p_matrix[i, m] * a[m, j]
-                    work[i, j] = value
+            work[:] = 0.0  # A'P; rows run along memory, and A of a chain of sections is half zeros
+            for m in range(n):
+                for i in range(n):
+                    if a[m, i] != 0.0:
+                        for j in range(n):
+                            work[i, j] += a[m, i] * p_matrix[m, j]
             r = 0.0
             for i in range(n_outputs):
                 r += w[i] * d[i] * d[i]
             for i in range(n):
                 for j in range(n):
                     r += b[i] * p_matrix[i, j] * b[j]
+            if r <= 0.0:
+                return -1 - t
             for j in range(n):
                 value = 0.0
                 for i in range(n_outputs):
                     value += w[i] * d[i] * c[i, j]
                 for i in range(n):
-                    value += b[i] * work[i, j]
+                    value += work[j, i] * b[i]
                 s[j] = value
         g = 0.0
         for i in range(n_outputs):
@@ -83,15 +91,18 @@ def _backwards(a, b, c, d, weight, target, gains, feed):  # type: ignore[no-unty
             change = 0.0
             size = 0.0
             for i in range(n):
+                for j in range(n):
+                    moved[j] = -s[i] * s[j] / r
+                for m in range(n_outputs):
+                    for j in range(n):
+                        moved[j] += w[m] * c[m, i] * c[m, j]
+                for m in range(n):
+                    for j in range(n):
+                        moved[j] += work[i, m] * a[m, j]
                 for j in range(i + 1):
-                    value = -s[i] * s[j] / r
-                    for m in range(n_outputs):
-                        value += w[m] * c[m, i] * c[m, j]
-                    for m in range(n):
-                        value += a[m, i] * work[m, j]
-                    change = max(change, abs(value - p_matrix[i, j]))
-                    size = max(size, abs(value))
-                    p_matrix[i, j] = value
+                    change = max(change, abs(moved[j] - p_matrix[i, j]))
+                    size = max(size, abs(moved[j]))
+                    p_matrix[i, j] = moved[j]
             for i in range(n):
                 for j in range(i):
                     p_matrix[j, i] = p_matrix[i, j]
@@ -133,19 +144,33 @@ def _forwards(a, b, gains, feed, constant, first, change):  # type: ignore[no-un
             x[i] = following[i]
 
 
-def minimiser(a: Array, b: Array, c: Array, d: Array, factors: Array, targets: Array) -> Array:
+def minimiser(
+    a: Array,
+    b: Array,
+    c: Array,
+    d: Array,
+    factors: Array,
+    targets: Array,
+    settling: int = SETTLING,
+) -> Array:
     """argmin over u (N,) of sum factors (z - targets)^2, x(t+1) = a x + b u, z = c x + d u from rest.
 
-    `factors` (1 or N, m), constant in time where they have one row; `targets` (N, m). Cost O(N n^3),
-    O(N n^2) from where the gain is stationary.
+    `factors` (1 or N, m), constant in time where they have one row; `targets` (N, m). With constant
+    factors the gain is held from `settling` samples before the end on: exact for N up to that, an
+    approximation beyond it where a mode converges more slowly (`FreeSignalUpdate.solve`).
+    Cost O(N n^3), O(N n^2) from where the gain is held. Raises `InputError` where nothing weighs u.
     """
     samples = len(targets)
     constant = len(factors) == 1
-    # With constant weights the gain settles long before 20,000 samples; the recursion says when.
-    rows = min(samples, 20000) + 1 if constant else samples
+    rows = min(samples, settling) + 1 if constant else samples
     gains = np.zeros((rows, len(b)))
     feed, change = np.zeros(samples), np.zeros(samples)
     first = _backwards(a, b, c, d, factors, targets, gains, feed)
+    if first < 0:
+        raise InputError(
+            f"weights: nothing weighs the free signal at sample {-1 - first}; give feedforward or "
+            "feedforward_change a value above zero there"
+        )
     _forwards(a, b, gains, feed, constant, first, change)
     return change
 
@@ -192,13 +217,38 @@ class FreeSignalUpdate:
         """The next signal from trial j: its `feedforward` f_j and `error` e_j, shape (N,) each
         (`command` u_j only matters under bounds)."""
         start = time.perf_counter()
-        targets = self.targets(feedforward, error)
-        change = minimiser(self.a, self.b, self.c, self.d, self.factors, targets)
+        change, residual = self.solve(feedforward, error)
         following = feedforward + change
-        residual = self.kkt(feedforward, error, change)
         status = "optimal" if residual <= 1e-8 else "optimal_inaccurate"
         report = UpdateReport(time.perf_counter() - start, status, residual, self.n)
         return Update(following, following, report)
+
+    def solve(self, feedforward: Array, error: Array) -> tuple[Array, float]:
+        """The change of f (N,) and its KKT residual, by solves of what the ones before left.
+
+        A gain held too early solves a problem whose states weigh a little less: the change it gives
+        is off by that share, and the next solve takes the same share off the rest. On the flatbed
+        printer, whose servo integrates, the gain goes on changing for 1e8 samples, and two or three
+        solves leave 1e-10; where a solve does not pay, the gain is recursed to the first sample.
+        Cost O(N) each.
+        """
+        change, residual, settling = np.zeros(self.n), np.inf, SETTLING
+        while True:
+            left = self.left(feedforward, error, change)
+            step = minimiser(self.a, self.b, self.c, self.d, self.factors, left, settling)
+            now = self.kkt(feedforward, error, change + step)
+            falls = now < FALLING * residual
+            if now < residual:
+                change, residual = change + step, now
+            if residual <= OPTIMAL or (not falls and settling >= self.n):
+                return change, residual
+            if not falls:
+                settling = self.n
+
+    def left(self, feedforward: Array, error: Array, change: Array) -> Array:
+        """Targets of the criterion that are left after `change`: rounding does not add up."""
+        own = StateSpace(self.a, self.b[:, None], self.c, self.d[:, None], 1.0)
+        return self.targets(feedforward, error) - own.filter(change)
 
     def targets(self, feedforward: Array, error: Array) -> Array:
         """What the outputs of the recursion are to reach, (N, 3): G_e e_j, -G_f f_j and 0."""

@@ -6,7 +6,8 @@ import pytest
 from ffl.bases import FIR, OBF, Derivatives
 from ffl.errors import InputError
 from ffl.learn import Constraints, FreeSignalUpdate, NormOptimal, Weights
-from ffl.systems import Zpk
+from ffl.learn.free_signal import minimiser
+from ffl.systems import Plant, Zpk
 
 T = 1e-3
 INSIDE = [0.9039, 0.9853, 0.9854 + 0.0457j, 0.9854 - 0.0457j, 0.9988]
@@ -215,6 +216,36 @@ def test_free_signal_recursion_equals_the_dense_lifted_update(
     change = np.linalg.solve(sp.T @ we @ sp + wf + wd, sp.T @ we @ error - wf @ previous)
     assert np.abs(update.feedforward - previous - change).max() < 1e-7 * np.abs(change).max()
     assert update.report.kkt_residual < 1e-8
+
+
+@pytest.mark.parametrize("pole", [0.9, 0.99, 0.9999])
+def test_free_signal_is_the_exact_recursion_where_the_gain_has_not_settled(pole, monkeypatch):
+    """A gain held too early is mended by solving again, or recursed to the first sample."""
+    n = 3000
+    slow = Plant("slow", Zpk([], [pole], 1.0 - pole, T))
+    error = np.sin(np.arange(n) / 150.0)
+    update = FreeSignalUpdate(slow, np.zeros(n), Weights(1.0, 1.0))
+    parts = update.a, update.b, update.c, update.d, update.factors
+    targets = update.targets(np.zeros(n), error)
+    exact = minimiser(*parts, targets, settling=n)
+    held = minimiser(*parts, targets, settling=100)
+    asked = []
+
+    def counted(*arguments):
+        asked.append(arguments[-1])
+        return minimiser(*arguments)
+
+    monkeypatch.setattr("ffl.learn.free_signal.SETTLING", 100)
+    monkeypatch.setattr("ffl.learn.free_signal.minimiser", counted)
+    found = update.update(np.zeros(n), error)
+    assert found.report.status == "optimal"
+    assert found.report.kkt_residual < 1e-10
+    assert len(asked) <= 5
+    size = np.abs(exact).max()
+    assert np.abs(found.feedforward - exact).max() < 1e-8 * size
+    assert (asked == [100]) == (pole == 0.9)
+    assert pole == 0.9 or np.abs(held - exact).max() > 1e-3 * size
+    assert pole != 0.9999 or asked[-1] == n
 
 
 def test_free_signal_needs_some_weight_on_the_signal(model, reference):
