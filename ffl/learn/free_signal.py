@@ -30,8 +30,8 @@ def _backwards(a, b, c, d, weight, target, gains, feed):  # type: ignore[no-unty
     -1 - t where nothing weighs the input of sample t.
 
     With constant weights P converges going backwards; from there on, or where the rows of `gains` end,
-    the gain is constant and only the vector p is carried. Row 0 of `gains` then holds the constant gain, row t - first + 1 the
-    gain of sample t >= first.
+    the gain is constant and only the vector p is carried. Row 0 of `gains` then holds the constant
+    gain, row t - first + 1 the gain of sample t >= first.
     """
     n_samples, n_outputs = target.shape
     n = a.shape[0]

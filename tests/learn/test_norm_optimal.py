@@ -54,8 +54,9 @@ def test_update_is_optimal_by_kkt_and_by_comparison(name, model, reference, firs
         Weights(50.0, 1e-5, 1e-4),
         Weights(np.linspace(1, 50, 400), 1e-6, np.linspace(0, 1e-4, 400)),
         Weights(SHAPE, 1e-6, SHAPE),
+        Weights(np.repeat([0.0, 50.0, 0.0], [100, 200, 100])),
     ],
-    ids=["paper", "change", "vectors", "filters"],
+    ids=["paper", "change", "vectors", "filters", "window"],
 )
 def test_update_equals_a_dense_solution_of_criterion_3(weights, model, reference, first_trial):
     n = 400
@@ -161,6 +162,8 @@ def test_infeasible_bounds_say_which_and_when(model, reference, first_trial):
     ("make", "message"),
     [
         (lambda: Weights(0.0), "weights.error = 0 must be positive"),
+        (lambda: Weights(np.zeros(5)), "weights.error = 0 must be positive at some sample"),
+        (lambda: Weights(np.array([1.0, -1.0])), "weights.error = -1 must not be negative"),
         (lambda: Weights(-1.0), "weights.error = -1"),
         (lambda: Weights(1.0, -1e-7), "weights.feedforward = -1e-07 must not be negative"),
         (lambda: Weights(1.0, 0.0, np.nan), "weights.feedforward_change"),
@@ -192,8 +195,9 @@ def test_vector_weight_of_wrong_length_is_refused(model, reference):
         Weights(1e5, 1e-6, 1e-5),
         Weights(np.linspace(1, 50, 500), 1e-6, 1e-7),
         Weights(SHAPE, 1e-6, 0.0),
+        Weights(np.repeat([0.0, 50.0, 0.0], [100, 300, 100]), 1e-6),
     ],
-    ids=["paper", "change", "vector", "filter"],
+    ids=["paper", "change", "vector", "filter", "window"],
 )
 def test_free_signal_recursion_equals_the_dense_lifted_update(
     weights, model, reference, first_trial
@@ -251,3 +255,12 @@ def test_free_signal_is_the_exact_recursion_where_the_gain_has_not_settled(pole,
 def test_free_signal_needs_some_weight_on_the_signal(model, reference):
     with pytest.raises(InputError, match="above zero"):
         FreeSignalUpdate(model, reference, Weights(1.0))
+
+
+def test_a_sample_of_the_free_signal_that_nothing_weighs_is_named(model, reference):
+    """The last samples answer in nothing that counts: W_e ends before them, and W_f too."""
+    n = len(reference)
+    window = np.repeat([1.0, 0.0], [2990, n - 2990])
+    update = FreeSignalUpdate(model, reference, Weights(window, 1e-7 * window))
+    with pytest.raises(InputError, match=f"nothing weighs the free signal at sample {n - 1}"):
+        update.update(np.zeros(n), np.ones(n))
