@@ -192,7 +192,7 @@ def step_page(
         ]
     )
     servo = bool(np.any(step.servo))
-    header = ["parameter", "feedforward θ", "standard error"]
+    header = ["parameter", "feedforward θ", "standard error (noise alone)"]
     header += ["θ + servo's own term: force on the plant"] if servo else []
     page.table(
         header,

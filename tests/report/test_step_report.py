@@ -73,12 +73,33 @@ def test_the_next_trial_is_better_and_teaches_the_rest():
     second = recorded(plant, reference, feedforward=step.feedforward)
     assert np.linalg.norm(second.error) < 0.01 * np.linalg.norm(first.error)
     again = learn_from_recording(model, basis, second, Weights(1.0, 1e-20), previous=step.theta)
-    assert again.notes == ()
+    assert not any("injection" in note for note in again.notes)
     mass, viscous = again.theta + again.servo
     assert mass == pytest.approx(
         90.15, rel=1e-3
     )  # b T/2 = 0.15 kg: the held force is half a sample late
     assert viscous == pytest.approx(300.0, rel=2e-3)
+
+
+def test_a_step_that_corrects_more_than_noise_says_that_its_standard_errors_do_not_tell():
+    """Model right but for 40 N s/m on 5 kg: the first mass is off by 200 of its standard errors."""
+    controller = Controller.of_error(Zpk([np.exp(-16.755 * T)], [np.exp(-301.59 * T)], 6.6e4, T))
+    model = Plant("stage", Zpk([-1.0], [1.0, 1.0], T**2 / 10, T), controller)
+    machine = replace(model, system=servo(5.0, 40.0).system)
+    basis, reference, theta = make_basis(BASIS, T), motion(2000), None
+    f, off, notes = np.zeros(2000), [], []
+    mass = 5.0 + 40.0 * T / 2  # damping acts half a sample late under the hold
+    for number in range(4):
+        recording = recorded(machine, reference, feedforward=f, noise=3e-7, seed=number)
+        step = learn_from_recording(model, basis, recording, Weights(), previous=theta)
+        theta, f = step.theta, step.feedforward
+        off.append(abs(theta[0] - mass) / step.std_error[0])
+        notes.append(" ".join(step.notes))
+    assert off[0] > 100
+    assert "standard errors are those of noise alone: this step moved " in notes[0]
+    assert off[-1] < 10
+    assert theta[0] == pytest.approx(mass, rel=1e-3)
+    assert notes[-1] == ""
 
 
 def test_a_known_injection_is_not_learned():
