@@ -21,6 +21,7 @@ from ffl.systems.state_space import Array
 
 ROUNDS = 60
 ROWS_PER_ROUND = 40
+NAMED = 3  # bounds that contradict each other, at most
 SMALLEST = (
     1e-3  # of a quantity's peak: a violation is relative to its bound, or to this where smaller
 )
@@ -233,7 +234,7 @@ class NormOptimal:
         start: float,
     ) -> Update:
         """Row generation: solve, add the peaks of the violation, until every bound holds."""
-        from ffl.learn.convex import least_violation, project
+        from ffl.learn.convex import conflict, least_violation, project
 
         blocks = self._bounds(feedforward, command)
         orthonormal_rows = [block.matrix @ self.coordinates.back for block in blocks]
@@ -250,8 +251,9 @@ class NormOptimal:
             h = np.array([_bound(blocks[k], t, side) for k, t, side in chosen])
             result = project(c, g, h)
             if result.status == "infeasible":
-                excess, dual = least_violation(c, g, h)
-                message = _explain(blocks, chosen, dual, excess, self.sample_time)
+                against = [chosen[row] for row in conflict(g, h)]
+                excess = least_violation(c, g, h)
+                message = _explain(blocks, against, excess, self.sample_time)
                 report = UpdateReport(
                     time.perf_counter() - start,
                     "infeasible",
@@ -326,24 +328,26 @@ def _violated(
 
 
 def _explain(
-    blocks: list[Rows],
-    chosen: list[tuple[int, int, int]],
-    dual: Array,
-    excess: float,
-    sample_time: float,
+    blocks: list[Rows], against: list[tuple[int, int, int]], excess: float, sample_time: float
 ) -> str:
-    """Which bounds contradict each other, and at what time."""
-    order = np.argsort(-np.abs(dual))[:3]
+    """Which bounds contradict each other, and at what time: at most `NAMED` of them."""
     names = []
-    for index in order:
-        if abs(dual[index]) < 1e-6:
-            continue
-        k, t, side = chosen[index]
+    for k, t, side in against[:NAMED]:
         block, which = blocks[k], "upper" if side > 0 else "lower"
         value = block.high[t] if side > 0 else block.low[t]
         where = f"parameter {t + 1}" if block.name == "parameters" else f"t = {t * sample_time:g} s"
         names.append(f"{which} bound {value:g} on {block.name} at {where}")
+    if len(against) == 1:
+        k, t, _ = against[0]
+        why = (
+            "it is left at 0, since nothing in this reference answers to it; take it out of the basis"
+            if blocks[k].name == "parameters"
+            else f"it is {blocks[k].offset[t]:g} there whatever they are, since the basis is at rest; "
+            "widen the bound there, by one value per sample"
+        )
+        return f"no parameters meet the {names[0]}: {why}"
+    more = f" and {len(against) - NAMED} more" if len(against) > NAMED else ""
     return (
-        f"no parameters meet the bounds together: {' against '.join(names) or 'bounds contradict'}; "
-        f"every choice exceeds one of them by at least {excess:.3g}; widen one"
+        f"no parameters meet the bounds together: {' against '.join(names) or 'bounds contradict'}"
+        f"{more}; every choice exceeds one of them by at least {excess:.3g}; widen one"
     )

@@ -6,6 +6,7 @@ import pytest
 from ffl.bases import FIR, OBF, Derivatives
 from ffl.errors import InputError
 from ffl.learn import Constraints, FreeSignalUpdate, NormOptimal, Weights
+from ffl.learn.convex import conflict
 from ffl.learn.free_signal import minimiser
 from ffl.systems import Plant, Zpk
 
@@ -156,6 +157,29 @@ def test_infeasible_bounds_say_which_and_when(model, reference, first_trial):
     assert "on command at t = " in update.report.message
     assert "widen" in update.report.message
     assert np.array_equal(update.theta, theta)
+
+
+def test_a_bound_that_the_basis_cannot_meet_alone_is_named_alone(model, reference, first_trial):
+    """At rest the feedforward is zero: no other bound has a part in that."""
+    problem = NormOptimal(
+        model,
+        BASES["derivatives"],
+        reference,
+        Weights(1e5, 1e-7),
+        Constraints(feedforward=[1.0, 2.0]),
+    )
+    message = problem.update(np.zeros(4), *first_trial).report.message
+    assert "lower bound 1 on feedforward at t = 0 s: it is 0 there whatever they are" in message
+    assert "against" not in message
+
+
+def test_only_bounds_that_contradict_each_other_are_named():
+    """x + y <= 1 against x >= 1 and y >= 1, scaled; three more rows have no part in it."""
+    g = np.array([[1.0, 1.0], [0.0, 1.0], [-3.0, 0.0], [1.0, -1.0], [0.0, -1e3], [0.0, 0.0]])
+    h = np.array([1.0, 5.0, -3.0, 9.0, -1e3, 0.0])
+    assert sorted(conflict(g, h)) == [0, 2, 4]
+    assert conflict(g[:4], h[:4]) == []
+    assert conflict(g, np.append(h[:5], -1.0)) == [5]
 
 
 @pytest.mark.parametrize(
