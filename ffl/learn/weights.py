@@ -62,7 +62,7 @@ class Weights:
                     raise InputError(f"weights.{name}: the filter must be causal and stable")
                 continue
             value = np.asarray(weight, float)
-            if value.ndim > 1 or not np.all(np.isfinite(value)):
+            if value.ndim > 1 or value.size == 0 or not np.all(np.isfinite(value)):
                 raise InputError(f"weights.{name}: give a number, a list of numbers or a filter")
             lowest = float(value.min(initial=np.inf))
             if lowest < 0:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -207,7 +208,7 @@ def test_mistakes_write_nothing(file, old, new, says, files, tmp_path, capfd):
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ("{}", "not a state"),
+        ("{}", "not a state that 'ffl step' wrote (there is no 'schema'); give its state.json"),
         ("not json", "not a state"),
         ('{"schema": 1, "names": ["mass"], "theta": [1.0], "trial": 1}', "not those of the basis"),
         (
@@ -220,6 +221,16 @@ def test_a_wrong_state_is_refused(state, says, files, tmp_path, capfd):
     (tmp_path / "state.json").write_text(state)
     assert execute([*files, "--state", "state.json", "--out", "one"]) == 2
     assert says in capfd.readouterr().err
+    assert not (tmp_path / "one").exists()
+
+
+def test_mistakes_of_model_and_state_name_their_file(files, tmp_path, capfd):
+    assert execute([*files, "--state", str(tmp_path), "--out", "one"]) == 2
+    assert "is a folder; give the state.json in it" in capfd.readouterr().err
+    text = (ROOT / "plants" / "emps.toml").read_text()
+    (tmp_path / "m.toml").write_text(re.sub(r"(?m)^gain = .*", "gain = 1.0", text))
+    assert execute(["m.toml" if a == "emps" else a for a in files] + ["--out", "one"]) == 2
+    assert "m.toml: emps: the closed loop is unstable" in capfd.readouterr().err
     assert not (tmp_path / "one").exists()
 
 
