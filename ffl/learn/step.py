@@ -18,6 +18,7 @@ from ffl.recordings import Recording
 from ffl.systems import Plant, StateSpace
 from ffl.systems.state_space import Array
 
+FED_BACK = 1e-3  # of the command's peak, u - f above which is no resolution of a measured command
 STILL = 3.0  # standard errors that a parameter may move in a step while learning has settled
 
 
@@ -182,7 +183,7 @@ def _check(model: Plant, recording: Recording) -> None:
             at = int(np.argmin(np.isfinite(values)))
             raise InputError(f"{recording.source}: column {name}, row {at + 1} is not a number")
     fed_back = float(np.abs(np.nan_to_num(recording.u - recording.f)).max())
-    if model.controller is None and fed_back > 1e-6 * float(
+    if model.controller is None and fed_back > FED_BACK * float(
         np.abs(np.nan_to_num(recording.u)).max()
     ):
         raise InputError(

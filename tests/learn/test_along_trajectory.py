@@ -99,17 +99,17 @@ def feedback_only(stage, reference):
     return reference - run.y, run.u
 
 
-def test_bounds_that_the_last_parameters_break_hold_for_the_next(
-    stage, basis, reference, feedback_only
-):
-    """Halving a step back towards parameters outside the bounds would stay outside them."""
-    free = AlongTrajectory(stage, basis, reference, WEIGHTS).update(np.zeros(5), *feedback_only)
-    low = np.full(5, -np.inf)
-    low[1] = 1.1 * free.theta[1]  # the acceleration's, the mass
-    bounds = Constraints(parameters=np.array([low, np.full(5, np.inf)]))
+def test_bounds_that_the_last_parameters_break_hold_for_the_next(stage, reference, feedback_only):
+    """A mass so wrong that no feedforward at all is better: halving back to that would break them."""
+    basis = Derivatives(["velocity", "acceleration"], sample_time=T)
+    free = AlongTrajectory(stage, basis, reference, WEIGHTS).update(np.zeros(2), *feedback_only)
+    least = 60.0 * free.theta[1]
+    bounds = Constraints(parameters=np.array([[-np.inf, least], [np.inf, np.inf]]))
     bounded = AlongTrajectory(stage, basis, reference, WEIGHTS, bounds)
-    update = bounded.update(np.zeros(5), *feedback_only)
-    assert update.theta[1] == pytest.approx(low[1], rel=1e-9)
+    update = bounded.update(np.zeros(2), *feedback_only)
+    promised = reference - bounded.output(update.feedforward)
+    assert np.linalg.norm(promised) > np.linalg.norm(feedback_only[0])
+    assert update.theta[1] == pytest.approx(least, rel=1e-9)
     assert update.report.active == 1
 
 
