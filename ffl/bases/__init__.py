@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from ffl.bases.arguments import check_arguments
 from ffl.bases.base import Basis, SumBasis
 from ffl.bases.combination import Combination
 from ffl.bases.compensation import Compensation
@@ -76,7 +77,12 @@ def _make_one(
             raise InputError(
                 f"{where}.{key}: unknown key of basis '{kind}'; {suggest(key, allowed)}"
             )
-        arguments[key] = _roots(value, f"{where}.{key}") if key in ("poles", "outside") else value
+        arguments[key] = value
+    check_arguments(BASES[kind], arguments, where)
+    for key in {"poles", "outside"} & set(arguments):  # complex ones are pairs in a file
+        arguments[key] = [
+            complex(*v) if isinstance(v, list) else complex(v) for v in arguments[key]
+        ]
     if "basis" in arguments:  # a basis of bases: its own list of tables
         arguments["basis"] = make_basis(arguments["basis"], sample_time, plant)
     if "plant" in allowed:
@@ -91,16 +97,6 @@ def _make_one(
         raise InputError(f"{where} {error}") from None
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: basis '{kind}': {' '.join(str(error).split())}") from None
-
-
-def _roots(values: Any, where: str) -> list[complex]:
-    """Poles from a file: a real, or [re, im]."""
-    try:
-        return [complex(*map(float, v)) if isinstance(v, list) else complex(v) for v in values]
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{where} = {values!r}: give a list of reals or of [re, im] pairs"
-        ) from None
 
 
 __all__ = [

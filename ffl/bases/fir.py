@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffl.bases.arguments import check_size
 from ffl.bases.base import Basis
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, ComplexArray
@@ -26,6 +27,7 @@ class FIR(Basis):
         if delays is None:
             if preview < 0 or lag < 0:
                 raise InputError(f"fir: preview = {preview}, lag = {lag} must not be negative")
+            check_size(preview + lag + 1, f"fir: preview = {preview}, lag = {lag}")
             delays = list(range(-preview, lag + 1))
         elif preview or lag:
             raise InputError("fir: give either 'delays' or 'preview' and 'lag', not both")

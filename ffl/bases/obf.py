@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffl.bases.arguments import check_size
 from ffl.bases.base import Basis
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, ComplexArray, StateSpace, series
@@ -75,6 +76,8 @@ class OBF(Basis):
             raise InputError(
                 f"repeat = {repeat}: how often the pole sequence is used, a whole number from 1 on"
             )
+        once = len(inside) + len(beyond) + bool(feedthrough)
+        check_size(once * int(repeat), f"obf: repeat = {repeat}")
         for name, roots, wrong in (
             ("poles", inside, np.abs(inside) >= 1.0 - CIRCLE_TOLERANCE),
             ("outside", beyond, np.abs(beyond) <= 1.0 + CIRCLE_TOLERANCE),

@@ -52,7 +52,8 @@ class Campaign:
     """A campaign as read: plants, references, runs; `resolved` are the files that rerun it.
 
     `second_reference` is run once after the last trial with the learned parameters carried over.
-    `diagnosis` are references to record for a diagnosis: those to fit and those to hold out.
+    `diagnosis` are references to record for a diagnosis: those to fit and those to hold out. `file`
+    is where it was read, for messages.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Campaign:
     runs: tuple[RunSpec, ...]
     resolved: Mapping[str, str]
     diagnosis: tuple[tuple[Array, ...], tuple[Array, ...]] | None = None
+    file: str = ""
 
     @property
     def sample_time(self) -> float:
@@ -156,6 +158,7 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
         runs,
         resolved,
         diagnosis,
+        str(path),
     )
 
 
@@ -168,7 +171,8 @@ def check_campaign(campaign: Campaign) -> None:
             if campaign.second_reference is not None and not isinstance(run.basis, FreeSignal):
                 run.basis.regressors(campaign.second_reference)
         except (InputError, OverflowError, MemoryError) as error:
-            raise InputError(f"runs[{index}] ({run.name}): {error}") from None
+            where = f"{campaign.file}: " if campaign.file else ""
+            raise InputError(f"{where}runs[{index}] ({run.name}): {error}") from None
 
 
 def _check_feasible(campaign: Campaign, run: RunSpec, updater: Any) -> None:

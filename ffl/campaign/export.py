@@ -135,6 +135,8 @@ def export_run(folder: Path, run: str, format: str, out: Path) -> None:
     """Writes the last trial's feedforward of a finished run."""
     if format not in FORMATS:
         raise InputError(f"format '{format}': {suggest(format, list(FORMATS))}")
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder; give a file for --out")
     if not (folder / "campaign.toml").is_file():
         raise InputError(f"{folder}: no campaign.toml; give the folder of a run")
     campaign = load_campaign(folder / "campaign.toml")

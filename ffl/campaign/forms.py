@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -13,7 +14,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)  # true is no 1, "3" no 3
 
 
 class MoveForm(Strict):
@@ -72,7 +73,16 @@ class ConstraintsForm(Strict):
     parameters: Any = None
 
 
-BasisForm = Annotated[list[dict[str, Any]], Field(min_length=1)] | Literal["from_diagnosis"]
+def _tables(value: Any) -> Any:
+    tables = isinstance(value, list) and value and all(isinstance(part, dict) for part in value)
+    if tables or value == "from_diagnosis":
+        return value
+    raise PydanticCustomError(
+        "basis", "give a list of tables, each with its 'kind', or the word \"from_diagnosis\""
+    )
+
+
+BasisForm = Annotated[list[dict[str, Any]] | Literal["from_diagnosis"], BeforeValidator(_tables)]
 
 
 class RunForm(Strict):

@@ -45,10 +45,7 @@ def check_file(path: Path) -> str:
     kind = kind_of(read_toml(path), path)
     if kind == "campaign":
         campaign = load_campaign(path)
-        try:
-            check_campaign(campaign)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+        check_campaign(campaign)
         return (
             f"campaign '{campaign.name}' is sound: {len(campaign.runs)} runs of {campaign.trials} "
             f"trials, {len(campaign.reference)} samples"

@@ -87,7 +87,13 @@ def _column(form: FileForm, sample_time: float, folder: Path) -> tuple[Path, Arr
     mapping = find_map(form.map, folder)
     if mapping is None and "::" not in form.file and mapping_beside(path) is None:
         table = open_table(path)
-        if table.find("y") is None and None not in (table.find("t"), table.find(form.column)):
+        alone = table.find("y") is None
+        if alone and table.find(form.column) is None:
+            there = ", ".join(table.names[:10])
+            raise InputError(
+                f"reference.column = '{form.column}': {path} does not hold that column (there is {there})"
+            )
+        if alone and table.find("t") is not None:
             columns = table.numbers(["t", form.column])
             plain = Recording.from_signals(
                 sample_time, t=columns["t"], r=columns[form.column], y=columns[form.column],
@@ -107,6 +113,11 @@ def _from_file(form: FileForm, sample_time: float, folder: Path) -> Array:
     path, signal = _column(form, sample_time, folder)
     first = round(form.start / sample_time)
     count = len(signal) if form.duration is None else round(form.duration / sample_time)
+    if form.duration is not None and first + count > len(signal) + 1:  # a sample for the fence post
+        raise InputError(
+            f"reference: start = {form.start:g} s and duration = {form.duration:g} s reach beyond {path}, "
+            f"which holds {len(signal) * sample_time:g} s; shorten the duration, or leave it out"
+        )
     signal = signal[first : first + count]
     if len(signal) < 8:
         raise InputError(

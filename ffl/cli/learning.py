@@ -112,7 +112,9 @@ def step(
         print_json(answer)
         return
     rows = [[p["name"], p["value"], p["std_error"]] for p in answer["parameters"]]
-    print_table(["parameter", "value", "std error"], rows)
+    print_table(["parameter", "value", "std error (noise)"], rows)
+    for note in answer["notes"]:
+        print(f"note: {note}")
     for name, entry in answer.get("documented", {}).items():
         off = 100 * entry["relative"]
         print(

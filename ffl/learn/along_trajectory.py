@@ -12,7 +12,7 @@ from ffl.bases import Basis
 from ffl.errors import InputError
 from ffl.learn.constraints import Constraints
 from ffl.learn.coordinates import orthonormal
-from ffl.learn.norm_optimal import NormOptimal, Update
+from ffl.learn.norm_optimal import NormOptimal, Update, UpdateReport
 from ffl.learn.weights import Weights
 from ffl.machines import Simulator
 from ffl.systems import Plant
@@ -23,12 +23,14 @@ PLANNED_ROUNDS = 15
 PROBE = 1e-3  # of the larger of |f| and |u|: difference step; friction makes smaller ones noisy
 SETTLED = 1e-3  # share of the criterion that a round must still bring
 SHORTEST = 1e-3  # of a Newton step, below which the criterion does not fall along it
+BENDS = 5  # corrections of a step for the command's bend along it
+FEASIBLE = 1e-9  # violation of a bound that passes for none, relative to the bound
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """How y answers changes of f about one trajectory: `columns` (N, k) along the orthonormal `q`
-    (N, k). In the place of a process sensitivity for feedforwards in the span of q."""
+    """How y or u answers changes of f about one trajectory: `columns` (N, k) along the orthonormal
+    `q` (N, k). In the place of SP or S for feedforwards in the span of q."""
 
     q: Array
     columns: Array
@@ -42,27 +44,54 @@ class Tangent:
 
 @dataclass(frozen=True)
 class _Point:
-    """Parameters, and what the model with the trial's remainder foretells for them."""
+    """Parameters, and what the model with the trial's remainder foretells for them; `excess` is the
+    largest violation of a bound there, relative to the bound."""
 
     theta: Array
     error: Array
     command: Array
     cost: float
+    excess: float
+
+    @property
+    def feasible(self) -> bool:
+        return self.excess <= FEASIBLE
+
+    def better_than(self, other: _Point) -> bool:
+        """Bounds first, then the criterion."""
+        if self.feasible and other.feasible:
+            return self.cost < other.cost
+        return not other.feasible and self.excess < other.excess
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """What a descent starts from: f_j, and what y_j and u_j hold beside the model's."""
+
+    before: Array
+    unsaid: tuple[Array, Array]
 
 
 class AlongTrajectory:
     """argmin over theta of |r - y(Phi theta) - d_j|^2_We + |Phi theta|^2_Wf + |Phi (theta -
     theta_j)|^2_Wdf with y(f) the simulated closed loop of `model`, effects and command limit
-    included, and d_j = y_j - y(f_j) what of trial j the model does not say.
+    included, and d_j = y_j - y(f_j) what of trial j the model does not say; under bounds, that on the
+    command on u(Phi theta) + u_j - u(f_j).
 
-    Gauss-Newton: y is linearised about the trajectory of the current theta (differences along an
-    orthonormal basis of Phi's columns, n simulations), the convex problem of `NormOptimal` is solved
-    with that response, bounds included, and the step is halved until the criterion falls. A linear
-    update does not see that the machine sticks, slips and is pulled about by its position; on ten
-    printers with friction, cogging and cable force it stalls where this goes on to the noise
-    (reports/missing_physics.md).
+    Gauss-Newton: y and u are linearised about the trajectory of the current theta (differences along
+    an orthonormal basis of Phi's columns, n simulations), the convex problem of `NormOptimal` is
+    solved with that response, bounds included, and the step is halved until the criterion falls and
+    the bounds hold for what is simulated. From a theta that breaks them the violation falls first;
+    where the command bends along the step, so that it leaves its bounds, the bend is taken into them
+    and the step solved again. A linear update does not see that the machine sticks, slips and is
+    pulled about by its position; on ten printers with friction, cogging and cable force it stalls
+    where this goes on to the noise (reports/missing_physics.md).
 
-    Cost: rounds * n simulations of N samples.
+    The report is that of the theta returned: its KKT residual is |M (theta* - theta)| / |b| with
+    theta* the solution of the problem linearised about theta, zero where theta solves that itself.
+    It is 1e-3 rather than 1e-8 where dry friction bends the criterion: status "settled".
+
+    Cost: (rounds + 1) * n simulations of N samples.
     """
 
     def __init__(
@@ -119,49 +148,96 @@ class AlongTrajectory:
     def _descend(self, theta: Array, unsaid: tuple[Array, Array], rounds: int) -> Update:
         """Gauss-Newton from `theta`; `unsaid`: what y and u hold beside the model's."""
         start = time.perf_counter()
-        before = self.regressors @ theta
-        here = self._at(theta, unsaid, before)
-        problem, report = self._problem, None
+        trial = _Trial(self.regressors @ theta, unsaid)
+        here = self._at(theta, trial)
+        problem, step = self._linearised(here, trial)
+        status = "optimal_inaccurate"  # until it settles
         for _ in range(rounds):
-            problem = self._problem.answering(self._tangent(here, unsaid))
-            step = problem.update(here.theta, here.error, here.command, before)
-            report = step.report
-            moved = (
-                None if report.status == "infeasible" else self._halved(here, step, unsaid, before)
-            )
-            if moved is None:
+            moved = self._moved(here, problem, step, trial)
+            settled = moved is None or (here.feasible and 1.0 - moved.cost / here.cost < SETTLED)
+            if moved is not None:
+                here = moved
+                problem, step = self._linearised(here, trial)
+            if settled:
+                status = "settled"
                 break
-            gained = 1.0 - moved.cost / here.cost
-            here = moved
-            if gained < SETTLED:
-                break
-        assert report is not None
-        report = replace(report, seconds=time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        if not here.feasible:
+            return Update(theta.copy(), trial.before, self._infeasible(here, step, seconds))
+        b = problem.right_side(here.theta, here.error, trial.before)
+        away = problem.coordinates.matrix @ (step.theta - here.theta)
+        residual = max(
+            step.report.kkt_residual,
+            float(np.linalg.norm(away)) / max(float(np.linalg.norm(b)), 1e-300),
+            here.excess,
+        )
+        status = "optimal" if residual <= 1e-8 else status
+        report = replace(step.report, seconds=seconds, status=status, kkt_residual=residual)
         return Update(here.theta, self.regressors @ here.theta, report)
 
-    def _at(self, theta: Array, unsaid: tuple[Array, Array], before: Array) -> _Point:
+    def _infeasible(self, here: _Point, step: Update, seconds: float) -> UpdateReport:
+        message = step.report.message or (
+            f"no parameters were found that meet the bounds on {' and '.join(self._problem.limits)} "
+            "on the model with its effects: the nearest exceed one by "
+            f"{100 * here.excess:.3g} % of it; widen it"
+        )
+        return replace(
+            step.report,
+            seconds=seconds,
+            status="infeasible",
+            kkt_residual=np.inf,
+            active=0,
+            message=message,
+        )
+
+    def _at(self, theta: Array, trial: _Trial) -> _Point:
         f = self.regressors @ theta
         y, u = self._run(f)
-        error = self.reference - unsaid[0] - y
+        error, command = self.reference - trial.unsaid[0] - y, u + trial.unsaid[1]
         sound = bool(np.all(np.isfinite(y)))
-        cost = self.weights.cost(error, f, f - before) if sound else np.inf
-        return _Point(theta, error, u + unsaid[1], cost)
+        cost = self.weights.cost(error, f, f - trial.before) if sound else np.inf
+        excess = self._problem.excess(theta, command) if sound else np.inf
+        return _Point(theta, error, command, cost, excess)
 
-    def _halved(
-        self, here: _Point, step: Update, unsaid: tuple[Array, Array], before: Array
+    def _moved(
+        self, here: _Point, problem: NormOptimal, step: Update, trial: _Trial
     ) -> _Point | None:
-        """The first of the step, its half, its quarter, ... that lowers the criterion."""
+        """The first of the step, its half, its quarter, ... that is better."""
+        if step.report.status == "infeasible":
+            return None
+        step = self._bent(here, problem, step, trial)
         share = 1.0
         while share > SHORTEST:
-            moved = self._at(here.theta + share * (step.theta - here.theta), unsaid, before)
-            if moved.cost < here.cost:
+            moved = self._at(here.theta + share * (step.theta - here.theta), trial)
+            if moved.better_than(here):
                 return moved
             share *= 0.5
         return None
 
-    def _tangent(self, here: _Point, unsaid: tuple[Array, Array]) -> Tangent:
+    def _bent(self, here: _Point, problem: NormOptimal, step: Update, trial: _Trial) -> Update:
+        """The step with the command's bend along it, what its tangent leaves out, in its bounds."""
+        if "command" not in problem.limits:
+            return step
+        for _ in range(BENDS):
+            there = self._at(step.theta, trial)
+            if there.feasible or not np.isfinite(there.excess):
+                break
+            moved = self.regressors @ (step.theta - here.theta)
+            bend = there.command - here.command - problem.to_command.filter(moved)
+            again = problem.update(here.theta, here.error, here.command + bend, trial.before)
+            if again.report.status == "infeasible":
+                break
+            step = again
+        return step
+
+    def _linearised(self, here: _Point, trial: _Trial) -> tuple[NormOptimal, Update]:
+        """The convex problem about the trajectory of `here`, and its solution."""
         f = self.regressors @ here.theta
         probe = PROBE * max(float(np.linalg.norm(f)), float(np.linalg.norm(here.command)))
-        y = self.reference - unsaid[0] - here.error
-        columns = [(self.output(f + probe * q) - y) / probe for q in self._q.T]
-        return Tangent(self._q, np.column_stack(columns))
+        y, u = self.reference - trial.unsaid[0] - here.error, here.command - trial.unsaid[1]
+        runs = [self._run(f + probe * q) for q in self._q.T]
+        problem = self._problem.answering(
+            Tangent(self._q, np.column_stack([(run[0] - y) / probe for run in runs])),
+            Tangent(self._q, np.column_stack([(run[1] - u) / probe for run in runs])),
+        )
+        return problem, problem.update(here.theta, here.error, here.command, trial.before)

@@ -13,6 +13,17 @@ Bound = float | tuple[float, float] | list[float] | NDArray[np.float64] | None
 Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
+def known_command(command: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """u_j (N,), from which the next command is predicted; raises `InputError` where it is not known,
+    since a value that is not a number would lie within every bound."""
+    if command is None or not np.all(np.isfinite(command)):
+        raise InputError(
+            "constraints.command bounds the next command, predicted from the trial's command u, which "
+            "is not known; record u, or leave the bound out"
+        )
+    return command
+
+
 @dataclass(frozen=True)
 class Constraints:
     """Bounds that hold at every sample of the next trial.

@@ -122,17 +122,48 @@ def project(c: Array, g: Array, h: Array) -> Projection:
     return Projection(x * length, multipliers * length / norms, "optimal", residual)
 
 
-def least_violation(c: Array, g: Array, h: Array) -> tuple[float, Array]:
-    """Smallest s for which G x <= h + s has a point, and the multipliers that name who conflicts."""
+def conflict(g: Array, h: Array) -> list[int]:
+    """Rows of G x <= h that no x meets together, and of which none can be left out; empty where all
+    can be met. One row alone is 0 <= h < 0.
+
+    Farkas: u >= 0 with G^T u = 0 and h^T u = -1 proves it, and non-negative least squares finds it on
+    at most k + 1 rows; those that the proof can do without are then left out one by one.
+    """
+    norms = np.linalg.norm(g, axis=1)
+    small = norms <= 1e-12 * norms.max(initial=0.0)
+    alone = np.flatnonzero(small & (h < 0))
+    if alone.size:
+        return [int(alone[np.argmin(h[alone])])]
+    rows = np.flatnonzero(~small)
+    unit, bound = g[rows] / norms[rows, None], h[rows] / norms[rows]
+    bound = bound / max(float(np.abs(bound).max(initial=0.0)), 1e-300)
+
+    def proof(kept: Array) -> Array | None:
+        matrix = np.vstack([unit[kept].T, bound[kept]])
+        target = np.append(np.zeros(g.shape[1]), -1.0)
+        u, away = scipy.optimize.nnls(matrix, target, maxiter=50 * max(matrix.shape))
+        return kept[u > 0] if away < 1e-9 else None
+
+    kept = proof(np.arange(len(rows)))
+    if kept is None:
+        return []
+    for row in kept:
+        fewer = proof(kept[kept != row]) if len(kept) > 1 else None
+        kept = kept if fewer is None else fewer
+    return [int(k) for k in rows[kept]]
+
+
+def least_violation(c: Array, g: Array, h: Array) -> float:
+    """Smallest s for which G x <= h + s has a point."""
     import cvxpy
 
     x, s = cvxpy.Variable(len(c)), cvxpy.Variable()
-    rows = g @ x <= h + s
-    problem = cvxpy.Problem(cvxpy.Minimize(s + 1e-9 * cvxpy.sum_squares(x - c)), [rows])
+    aim = cvxpy.Minimize(s + 1e-9 * cvxpy.sum_squares(x - c))
+    problem = cvxpy.Problem(aim, [g @ x <= h + s])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             problem.solve(solver=cvxpy.CLARABEL)
         except cvxpy.SolverError:
-            return float("nan"), np.zeros(len(h))
-    return float(np.asarray(s.value)), np.asarray(rows.dual_value, float)
+            return float("nan")
+    return float(np.asarray(s.value))

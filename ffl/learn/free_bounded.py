@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ffl.errors import InputError
-from ffl.learn.constraints import Constraints
+from ffl.learn.constraints import Constraints, known_command
 from ffl.learn.free_signal import FreeSignalUpdate, minimiser
 from ffl.learn.norm_optimal import Update, UpdateReport
 from ffl.learn.weights import Weights, as_filter
@@ -27,6 +27,9 @@ ROUNDS = 80
 TO_THE_WALL = 0.995  # of the step that would make a slack or a multiplier zero
 GAP = 1e-13  # complementarity at which to stop, relative
 FEASIBLE = 1e-9  # violation at which to stop, relative to the bound
+OPTIMAL = 1e-8  # KKT residual that passes, relative
+INFEASIBLE = 1e-6  # violation that stays, above which the bounds contradict each other
+WORSE = 10.0  # times the best residual at which to stop
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,8 @@ class BoundedFreeSignal(FreeSignalUpdate):
     the command u_j + S (f - f_j) predicted from the model; units and forms as in `Constraints`.
 
     Where no bound is met the result is that of `FreeSignalUpdate` to the last bit. Mehrotra's
-    predictor and corrector; two recursions per round, 10 to 25 rounds.
+    predictor and corrector; two recursions per round, 10 to 25 rounds; the round with the least KKT
+    residual is returned.
     """
 
     def __init__(
@@ -145,9 +149,15 @@ class BoundedFreeSignal(FreeSignalUpdate):
         walls = (Wall.of(1.0, high, value, dual), Wall.of(-1.0, -low, value, dual))
         bounds = sum(int(wall.exists.sum()) for wall in walls)
         criterion = np.broadcast_to(self.factors, (self.n, self.factors.shape[1]))
+        best = np.inf, change, walls, value
         for _ in range(ROUNDS):
-            left = self._left(feedforward, error, change)
+            left = self.left(feedforward, error, change)
             gap = sum(float(np.sum(w.slack * w.dual)) for w in walls)
+            residual = self._kkt(feedforward, error, change, walls, value) / size
+            if residual < best[0]:
+                best = residual, change, walls, value
+            elif best[0] <= OPTIMAL and residual > WORSE * best[0]:
+                break  # slacks at rounding: further rounds lose what is there
             mu = gap / bounds
             worst = max(float(np.abs(w.violation(value)).max()) for w in walls)
             if worst < FEASIBLE and gap < GAP * size * dual * self.n:
@@ -163,9 +173,11 @@ class BoundedFreeSignal(FreeSignalUpdate):
             value = offset + self._values(change)
             pairs = zip(walls, steps, strict=True)
             walls = tuple(w.after(length, s) for w, s in pairs)  # type: ignore[assignment]
-        if max(float(np.abs(w.violation(value)).max()) for w in walls) > 1e-6:
+        left_over = max(float(np.abs(w.violation(value)).max()) for w in walls)
+        residual, change = best[0], best[1]
+        if residual > OPTIMAL and left_over > INFEASIBLE:
             return self._infeasible(start, feedforward, walls)
-        residual = self._kkt(feedforward, error, change, walls, value) / size
+        walls = best[2]
         active = sum(int(np.sum(w.dual / size > w.slack)) for w in walls)
         return self._report(start, feedforward, change, residual, active)
 
@@ -187,11 +199,6 @@ class BoundedFreeSignal(FreeSignalUpdate):
                     length = min(length, TO_THE_WALL * wall_at)
         return moved, shift, steps, length
 
-    def _left(self, feedforward: Array, error: Array, change: Array) -> Array:
-        """Targets of the criterion that are left after `change`: rounding does not add up."""
-        own = StateSpace(self.a, self.b[:, None], self.c, self.d[:, None], 1.0)
-        return self.targets(feedforward, error) - own.filter(change)
-
     def _values(self, change: Array) -> Array:
         return np.column_stack([row.system.filter(change) for row in self.rows])
 
@@ -201,10 +208,8 @@ class BoundedFreeSignal(FreeSignalUpdate):
         for row in self.rows:
             if row.name != "command":
                 columns.append(row.system.filter(feedforward))
-            elif command is None:
-                raise InputError("constraints.command needs the trial's command u; it is missing")
             else:
-                columns.append(command / row.scale)
+                columns.append(known_command(command) / row.scale)
         return np.column_stack(columns)
 
     def _kkt(self, feedforward, error, change, walls, value) -> float:  # type: ignore[no-untyped-def]
@@ -219,7 +224,7 @@ class BoundedFreeSignal(FreeSignalUpdate):
         return max(float(np.linalg.norm(gradient)), over * size, float(products))
 
     def _report(self, start, feedforward, change, residual: float, active: int) -> Update:  # type: ignore[no-untyped-def]
-        status = "optimal" if residual <= 1e-8 else "optimal_inaccurate"
+        status = "optimal" if residual <= OPTIMAL else "optimal_inaccurate"
         seconds = time.perf_counter() - start
         following = feedforward + change
         return Update(following, following, UpdateReport(seconds, status, residual, self.n, active))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffl.bases import Basis
 from ffl.errors import InputError
-from ffl.learn.constraints import Constraints
+from ffl.learn.constraints import Constraints, known_command
 from ffl.learn.coordinates import Coordinates, orthonormal
 from ffl.learn.weights import Weights, apply_weight, is_zero
 from ffl.machines import linear_part
@@ -21,16 +21,22 @@ from ffl.systems.state_space import Array
 
 ROUNDS = 60
 ROWS_PER_ROUND = 40
+NAMED = 3  # bounds that contradict each other, at most
+SMALLEST = (
+    1e-3  # of a quantity's peak: a violation is relative to its bound, or to this where smaller
+)
 
 
 @dataclass(frozen=True)
 class UpdateReport:
     """How an update went.
 
-    `status` is "optimal", "optimal_inaccurate" (`kkt_residual` above 1e-8) or "infeasible" (then
-    theta is the last one and `message` says which bounds conflict, and when). `kkt_residual` is
-    relative, in the problem's own units (see `NormOptimal.kkt`). `rank` is the number of parameter
-    directions that the data can see, `active` the number of bounds that hold with equality.
+    `status` is "optimal", "optimal_inaccurate" (`kkt_residual` above 1e-8), "settled" (of
+    `AlongTrajectory`: the bounds hold, and one more round hardly lowers the criterion) or
+    "infeasible" (then theta is the last one and `message` says which bounds conflict, and when).
+    `kkt_residual` is that of the theta returned, relative, in the problem's own units (see
+    `NormOptimal.kkt`). `rank` is the number of parameter directions that the data can see, `active`
+    the number of bounds that hold with equality.
     """
 
     seconds: float
@@ -62,7 +68,7 @@ class Rows:
 
 
 class Answers(Protocol):
-    """How y answers changes of f, to first order: the process sensitivity, or a tangent."""
+    """How y or u answers changes of f, to first order: SP or S, or a tangent."""
 
     def filter(self, feedforward: Array, /) -> Array: ...
 
@@ -104,23 +110,33 @@ class NormOptimal:
             for name in Constraints.NAMES
             if getattr(self.constraints, name) is not None
         }
-        self._respond(self.loop.process_sensitivity)
+        self._respond(self.loop.process_sensitivity, self.loop.system.select([1], [1]))
 
-    def _respond(self, answers: Answers) -> None:
-        """J = `answers` Phi, and the QR of the problem with it."""
-        self._answers = answers
-        self.response = answers.filter_columns(self.regressors)
+    def _respond(self, output: Answers, command: Answers) -> None:
+        """J = `output` Phi, and the QR of the problem with it."""
+        self._answers, self.to_command = output, command
+        self.response = output.filter_columns(self.regressors)
         blocks = [apply_weight(self.weights.error, self.response)]
         for weight in (self.weights.feedforward, self.weights.feedforward_change):
             if not is_zero(weight):
                 blocks.append(apply_weight(weight, self.regressors))
         self.coordinates: Coordinates = orthonormal(np.vstack(blocks))
 
-    def answering(self, answers: Answers) -> NormOptimal:
-        """The same problem where y answers f as `answers` says, not as the model's loop does."""
+    def answering(self, output: Answers, command: Answers) -> NormOptimal:
+        """The same problem where y and u answer f as these say, not as the model's loop does."""
         other = copy.copy(self)
-        other._respond(answers)
+        other._respond(output, command)
         return other
+
+    def right_side(self, theta: Array, error: Array, before: Array) -> Array:
+        """b of the least-squares problem |M theta - b|, stacked as M is."""
+        target = error + self._answers.filter(self.regressors @ theta)
+        parts = [apply_weight(self.weights.error, target)]
+        if not is_zero(self.weights.feedforward):
+            parts.append(np.zeros(len(error)))
+        if not is_zero(self.weights.feedforward_change):
+            parts.append(apply_weight(self.weights.feedforward_change, before))
+        return np.concatenate(parts)
 
     def update(
         self,
@@ -137,13 +153,7 @@ class NormOptimal:
         start = time.perf_counter()
         feedforward = self.regressors @ theta
         before = feedforward if before is None else before
-        target = error + self._answers.filter(feedforward)
-        parts = [apply_weight(self.weights.error, target)]
-        if not is_zero(self.weights.feedforward):
-            parts.append(np.zeros(len(error)))
-        if not is_zero(self.weights.feedforward_change):
-            parts.append(apply_weight(self.weights.feedforward_change, before))
-        b = np.concatenate(parts)
+        b = self.right_side(theta, error, before)
         c = self.coordinates.coordinates(b)
         if self.path == "osqp" or self.limits:
             return self._bounded(theta, feedforward, command, b, c, start)
@@ -180,6 +190,20 @@ class NormOptimal:
         size = self.coordinates.scale * max(float(np.linalg.norm(b)), 1e-300)
         return float(np.max(np.abs(gradient) / size))
 
+    def excess(self, theta: Array, command: Array) -> float:
+        """Largest violation of a bound by `theta` (n,) that comes with the command `command` (N,),
+        relative to the bound; zero where all hold, infinite where something is not a number."""
+        f = self.regressors @ theta
+        values = {
+            "feedforward": f,
+            "feedforward_rate": np.diff(f, prepend=f[:1]) / self.sample_time,
+            "command": command,
+            "parameters": theta,
+        }
+        over = [np.max(_over(values[name], *limits)) for name, limits in self.limits.items()]
+        largest = float(np.max(over, initial=0.0))
+        return largest if np.isfinite(largest) else np.inf
+
     def _bounds(self, feedforward: Array, command: Array | None) -> list[Rows]:
         rows: list[Rows] = []
         n, t = len(self.reference), self.sample_time
@@ -192,13 +216,9 @@ class NormOptimal:
                 )
                 rows.append(Rows(name, rate / t, np.zeros(n), low, high))
             elif name == "command":
-                if command is None:
-                    raise InputError(
-                        "constraints.command needs the trial's command u; it is missing"
-                    )
-                to_command = self.loop.system.select([1], [1])
-                matrix = to_command.filter_columns(self.regressors)
-                rows.append(Rows(name, matrix, command - to_command.filter(feedforward), low, high))
+                matrix = self.to_command.filter_columns(self.regressors)
+                offset = known_command(command) - self.to_command.filter(feedforward)
+                rows.append(Rows(name, matrix, offset, low, high))
             else:
                 eye = np.eye(self.regressors.shape[1])
                 rows.append(Rows(name, eye, np.zeros(len(eye)), low, high))
@@ -214,7 +234,7 @@ class NormOptimal:
         start: float,
     ) -> Update:
         """Row generation: solve, add the peaks of the violation, until every bound holds."""
-        from ffl.learn.convex import least_violation, project
+        from ffl.learn.convex import conflict, least_violation, project
 
         blocks = self._bounds(feedforward, command)
         orthonormal_rows = [block.matrix @ self.coordinates.back for block in blocks]
@@ -231,8 +251,9 @@ class NormOptimal:
             h = np.array([_bound(blocks[k], t, side) for k, t, side in chosen])
             result = project(c, g, h)
             if result.status == "infeasible":
-                excess, dual = least_violation(c, g, h)
-                message = _explain(blocks, chosen, dual, excess, self.sample_time)
+                against = [chosen[row] for row in conflict(g, h)]
+                excess = least_violation(c, g, h)
+                message = _explain(blocks, against, excess, self.sample_time)
                 report = UpdateReport(
                     time.perf_counter() - start,
                     "infeasible",
@@ -275,6 +296,16 @@ def _bound(block: Rows, t: int, side: int) -> float:
     return float(block.high[t] - block.offset[t] if side > 0 else block.offset[t] - block.low[t])
 
 
+def _over(value: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """How far `value` lies above `high` and below `low`, relative to the bound (below zero: within)."""
+    least = max(SMALLEST * float(np.abs(value).max(initial=0.0)), 1e-300)
+    excesses = []
+    for bound, excess in ((high, value - high), (low, low - value)):
+        size = np.where(np.isfinite(bound), np.abs(bound), 1.0)  # an infinite one is never violated
+        excesses.append(excess / np.maximum(size, least))
+    return excesses[0], excesses[1]
+
+
 def _violated(
     blocks: list[Rows], rows: list[Array], x: Array, known: set[tuple[int, int, int]]
 ) -> tuple[list[tuple[int, int, int]], float]:
@@ -283,11 +314,7 @@ def _violated(
     worst = 0.0
     for k, block in enumerate(blocks):
         value = rows[k] @ x + block.offset
-        for side, excess in ((1, value - block.high), (-1, block.low - value)):
-            bound = np.abs(block.high if side > 0 else block.low)
-            size = np.where(np.isfinite(bound), bound, 1.0)  # an infinite bound is never violated
-            size = np.maximum(size, 1e-12 * np.abs(value).max())
-            relative = excess / np.maximum(size, 1e-300)
+        for side, relative in zip((1, -1), _over(value, block.low, block.high), strict=True):
             worst = max(worst, float(relative.max(initial=0.0)))
             over = relative > 1e-12
             if not over.any():
@@ -301,24 +328,26 @@ def _violated(
 
 
 def _explain(
-    blocks: list[Rows],
-    chosen: list[tuple[int, int, int]],
-    dual: Array,
-    excess: float,
-    sample_time: float,
+    blocks: list[Rows], against: list[tuple[int, int, int]], excess: float, sample_time: float
 ) -> str:
-    """Which bounds contradict each other, and at what time."""
-    order = np.argsort(-np.abs(dual))[:3]
+    """Which bounds contradict each other, and at what time: at most `NAMED` of them."""
     names = []
-    for index in order:
-        if abs(dual[index]) < 1e-6:
-            continue
-        k, t, side = chosen[index]
+    for k, t, side in against[:NAMED]:
         block, which = blocks[k], "upper" if side > 0 else "lower"
         value = block.high[t] if side > 0 else block.low[t]
         where = f"parameter {t + 1}" if block.name == "parameters" else f"t = {t * sample_time:g} s"
         names.append(f"{which} bound {value:g} on {block.name} at {where}")
+    if len(against) == 1:
+        k, t, _ = against[0]
+        why = (
+            "it is left at 0, since nothing in this reference answers to it; take it out of the basis"
+            if blocks[k].name == "parameters"
+            else f"it is {blocks[k].offset[t]:g} there whatever they are, since the basis is at rest; "
+            "widen the bound there, by one value per sample"
+        )
+        return f"no parameters meet the {names[0]}: {why}"
+    more = f" and {len(against) - NAMED} more" if len(against) > NAMED else ""
     return (
-        f"no parameters meet the bounds together: {' against '.join(names) or 'bounds contradict'}; "
-        f"every choice exceeds one of them by at least {excess:.3g}; widen one"
+        f"no parameters meet the bounds together: {' against '.join(names) or 'bounds contradict'}"
+        f"{more}; every choice exceeds one of them by at least {excess:.3g}; widen one"
     )

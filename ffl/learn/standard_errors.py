@@ -28,8 +28,12 @@ def standard_errors(columns: Array, residual: Array, loop: Loop) -> Array:
     f = np.fft.rfftfreq(n, loop.system.sample_time)
     taper = np.hanning(n)  # without it the strong high frequencies leak into the weak low ones
     power = np.abs(np.fft.rfft(taper * residual)) ** 2 / np.sum(taper**2)
+    seen = np.maximum(f, f[1])  # without a controller the plant may integrate: no answer at 0 Hz
     shapes = np.column_stack(
-        [np.abs(system.response(f)) ** 2 for system in (loop.sensitivity, loop.process_sensitivity)]
+        [
+            np.abs(system.response(seen)) ** 2
+            for system in (loop.sensitivity, loop.process_sensitivity)
+        ]
     )
     inside = slice(3, len(f))  # below lies the taper's main lobe, filled by its neighbours
     weight = np.ones(len(f))

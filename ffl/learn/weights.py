@@ -45,8 +45,9 @@ class Weights:
 
     The norms are read as weighted squared 2-norms, |x|^2_W = x^T W x. Each weight is a scalar (times
     the identity), a vector with one value per sample (a diagonal), or a stable `Zpk` filter G
-    (W = G^T G, with G's lower-triangular Toeplitz matrix). W_e must be positive; W_f and W_df may be
-    zero.
+    (W = G^T G, with G's lower-triangular Toeplitz matrix). W_e must be positive somewhere: where it is
+    zero the error does not count. W_f and W_df may be zero. The criterion is convex and bounded below
+    with any of them; what it leaves open, a basis leaves at zero, and the free signal refuses.
     """
 
     error: Weight = 1.0
@@ -61,13 +62,14 @@ class Weights:
                     raise InputError(f"weights.{name}: the filter must be causal and stable")
                 continue
             value = np.asarray(weight, float)
-            if value.ndim > 1 or not np.all(np.isfinite(value)):
+            if value.ndim > 1 or value.size == 0 or not np.all(np.isfinite(value)):
                 raise InputError(f"weights.{name}: give a number, a list of numbers or a filter")
             lowest = float(value.min(initial=np.inf))
-            if name == "error" and not lowest > 0:
-                raise InputError(f"weights.error = {lowest:g} must be positive")
             if lowest < 0:
                 raise InputError(f"weights.{name} = {lowest:g} must not be negative")
+            if name == "error" and not np.any(value > 0):
+                kind = "must be positive" if value.ndim == 0 else "must be positive at some sample"
+                raise InputError(f"weights.error = 0 {kind}")
             object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
 
     def check_length(self, n: int) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ffl import __version__
 from ffl.campaign import Campaign, Outcome, load_campaign, run_campaign
+from ffl.errors import InputError
 from ffl.report.finished import read_folders, read_results
 from ffl.report.terminal import print_table, progress
 
@@ -64,6 +65,12 @@ def rerun_folder(folder: Path, out: Path | None, jobs: int, quiet: bool) -> bool
     """Runs the folder's resolved campaign again; True where every number is the same to the bit."""
     before = read_results(folder)
     campaign = load_campaign(folder / "campaign.toml")
+    for run in before["runs"]:
+        if run["status"] == "running":
+            raise InputError(
+                f"{folder}: run '{run['name']}' has {len(run['error_norm'])} of {campaign.trials} trials; "
+                f"finish it first: ffl run {folder / 'campaign.toml'} --out {folder} --resume"
+            )
     if out is not None:
         results = run_with_report(campaign, out, jobs, quiet=quiet).results
     else:

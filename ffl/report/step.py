@@ -45,9 +45,15 @@ def step_with_report(
     model = load_plant(model_path)
     form = load_step(basis_path)
     try:
+        model.require_stable()
+    except InputError as error:
+        raise InputError(f"{model_path}: {error}") from None
+    try:
         basis, weights, constraints = run_parts(form, model.sample_time, model, basis_path.parent)
         if isinstance(basis, FreeSignal):
             raise InputError("basis kind 'free' has no parameters to learn in a step; take another")
+        if form.update == "closed_form" and constraints.any:
+            raise InputError("update = 'closed_form' has no bounds; use 'auto' or 'osqp'")
         unknown = sorted(set(form.documented) - set(basis.names))
         if unknown:
             known = ", ".join(basis.names)
@@ -124,10 +130,15 @@ def _read_state(path: Path, names: list[str]) -> tuple[int, Array]:
         return int(state["trial"]), theta
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; give the state.json in it") from None
     except InputError:
         raise
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a state that 'ffl step' wrote ({error!r})") from None
+        what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
+        raise InputError(
+            f"{path}: not a state that 'ffl step' wrote ({what}); give its state.json"
+        ) from None
 
 
 def _csv(time: Array, reference: Array, feedforward: Array) -> str:
@@ -192,7 +203,7 @@ def step_page(
         ]
     )
     servo = bool(np.any(step.servo))
-    header = ["parameter", "feedforward θ", "standard error"]
+    header = ["parameter", "feedforward θ", "standard error (noise alone)"]
     header += ["θ + servo's own term: force on the plant"] if servo else []
     page.table(
         header,

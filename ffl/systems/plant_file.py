@@ -162,6 +162,8 @@ def _place(form: Any, location: tuple[Any, ...]) -> tuple[str, list[str]]:
         if isinstance(step, int):
             path += f"[{step}]"
             continue
+        if "[" in step:  # a member of a union that is no form
+            continue
         tagged = [c for c in candidates if _is_tag(c, step)] if len(candidates) > 1 else []
         holders = [c for c in candidates if step in c.model_fields]
         if tagged or (not holders and step != location[-1]):
@@ -207,15 +209,22 @@ def explain(error: ValidationError, form: Any, file: str) -> InputError:
 def read_toml(path: Path) -> dict[str, Any]:
     """The parsed file, or one line that says what is wrong with it."""
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        text = path.read_bytes().decode(
+            "utf-8-sig"
+        )  # an editor may have put a byte-order mark first
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder; give a TOML file") from None
     except PermissionError:
         raise InputError(f"{path}: cannot be read (permission denied)") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: not UTF-8 (byte {error.object[error.start]:#04x} at position {error.start}); save "
+            "it as UTF-8"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
 
 

@@ -90,3 +90,67 @@ def test_bounds_hold(stage, basis, reference):
     assert np.abs(plan.feedforward).max() < 1.0 + 1e-9
     free = AlongTrajectory(stage, basis, reference, WEIGHTS).plan(np.zeros(basis.n_parameters))
     assert np.abs(free.feedforward).max() > 1.0
+
+
+@pytest.fixture(scope="module")
+def feedback_only(stage, reference):
+    """Error and command of the stage's first trial."""
+    run = SimulatedMachine(stage).run(reference, 0 * reference, np.random.default_rng(0))
+    return reference - run.y, run.u
+
+
+def test_bounds_that_the_last_parameters_break_hold_for_the_next(stage, reference, feedback_only):
+    """A mass so wrong that no feedforward at all is better: halving back to that would break them."""
+    basis = Derivatives(["velocity", "acceleration"], sample_time=T)
+    free = AlongTrajectory(stage, basis, reference, WEIGHTS).update(np.zeros(2), *feedback_only)
+    least = 60.0 * free.theta[1]
+    bounds = Constraints(parameters=np.array([[-np.inf, least], [np.inf, np.inf]]))
+    bounded = AlongTrajectory(stage, basis, reference, WEIGHTS, bounds)
+    update = bounded.update(np.zeros(2), *feedback_only)
+    promised = reference - bounded.output(update.feedforward)
+    assert np.linalg.norm(promised) > np.linalg.norm(feedback_only[0])
+    assert update.theta[1] == pytest.approx(least, rel=1e-9)
+    assert update.report.active == 1
+
+
+def test_the_command_keeps_its_bound_on_the_machine(stage, basis, reference, feedback_only):
+    free = AlongTrajectory(stage, basis, reference, WEIGHTS).update(np.zeros(5), *feedback_only)
+    machine = SimulatedMachine(stage)
+    peak = np.abs(machine.run(reference, free.feedforward, np.random.default_rng(0)).u).max()
+    limit = 0.95 * peak
+    bounded = AlongTrajectory(stage, basis, reference, WEIGHTS, Constraints(command=limit))
+    update = bounded.update(np.zeros(5), *feedback_only)
+    run = machine.run(reference, update.feedforward, np.random.default_rng(0))
+    assert update.report.status == "settled"
+    assert np.abs(run.u).max() == pytest.approx(limit, rel=1e-6)
+    assert np.abs(run.u).max() <= limit * (1 + 1e-8)
+    assert update.report.kkt_residual < 0.05
+    assert update.report.active > 0
+
+
+def test_the_residual_is_that_of_the_parameters_returned(
+    stage, basis, reference, feedback_only, monkeypatch
+):
+    """After one round it is what the next one still moves, relative to the error there was."""
+    along = AlongTrajectory(stage, basis, reference, WEIGHTS)
+    outputs, residuals = [], []
+    for rounds in (1, 2):
+        monkeypatch.setattr("ffl.learn.along_trajectory.ROUNDS", rounds)
+        update = along.update(np.zeros(5), *feedback_only)
+        outputs.append(along.output(update.feedforward))
+        residuals.append(update.report.kkt_residual)
+        assert update.report.status == "optimal_inaccurate"
+    moved = np.linalg.norm(outputs[1] - outputs[0]) / np.linalg.norm(feedback_only[0])
+    assert residuals[0] == pytest.approx(moved, rel=0.1)
+    assert 1e-8 < residuals[1] < 0.2 * residuals[0]
+
+
+def test_bounds_that_nothing_meets_leave_the_parameters(stage, basis, reference, feedback_only):
+    bounds = Constraints(command=1.0)  # N, against 20 N of friction
+    update = AlongTrajectory(stage, basis, reference, WEIGHTS, bounds).update(
+        np.zeros(5), *feedback_only
+    )
+    assert update.report.status == "infeasible"
+    assert "command" in update.report.message
+    np.testing.assert_array_equal(update.theta, np.zeros(5))
+    np.testing.assert_array_equal(update.feedforward, 0 * reference)

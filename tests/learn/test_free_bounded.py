@@ -8,9 +8,11 @@ from ffl.bases import FreeSignal
 from ffl.errors import InputError
 from ffl.learn import Constraints, Weights
 from ffl.learn.free_bounded import BoundedFreeSignal
-from ffl.learn.free_signal import FreeSignalUpdate
+from ffl.learn.free_signal import FreeSignalUpdate, minimiser
 from ffl.learn.trial_loop import LearningTask, learn
 from ffl.machines import SimulatedMachine
+from ffl.systems import Move, Zpk, moves
+from ffl.systems.plant_file import plant_from_dict
 
 N = 160
 WEIGHTS = {
@@ -33,6 +35,49 @@ def trial(model):
 def lifted(system):
     """Lower-triangular Toeplitz matrix of a one-input one-output system."""
     return system.filter_columns(np.eye(N))
+
+
+def test_the_recursion_keeps_its_digits_where_weights_are_decades_apart(model):
+    """Bounds about to hold weigh 1e20 times the rest: as good as equations, eliminated by hand."""
+    sp = model.loop.process_sensitivity
+    rng = np.random.default_rng(0)
+    held, wanted = np.arange(30, 90), 1e-2 * rng.standard_normal(60)
+    targets = np.column_stack([1e-3 * rng.standard_normal(N), np.zeros(N), np.zeros(N)])
+    targets[held, 2] = wanted
+    factors = np.column_stack([np.full(N, 50.0), np.full(N, 1e-7), np.zeros(N)])
+    factors[held, 2] = 1e20 * 10.0 ** rng.uniform(-6, 0, 60)
+    c = np.vstack([sp.c, np.zeros((2, sp.order))])
+    d = np.array([sp.d[0, 0], 1.0, 1.0])
+    found = minimiser(sp.a, sp.b[:, 0], c, d, factors, targets)
+    np.testing.assert_allclose(found[held], wanted, rtol=1e-13)
+    open_ = np.setdiff1d(np.arange(N), held)
+    j = np.vstack([np.sqrt(50.0) * lifted(sp), np.sqrt(1e-7) * np.eye(N)])
+    b = np.append(np.sqrt(50.0) * targets[:, 0], np.zeros(N)) - j[:, held] @ wanted
+    rest = np.linalg.lstsq(j[:, open_], b, rcond=None)[0]
+    np.testing.assert_allclose(found[open_], rest, atol=1e-9 * np.abs(rest).max())
+
+
+def test_many_bounds_on_an_ordinary_stage_are_solved_to_the_end():
+    """300 bounds hold at once: by P instead of its square root the residuals are 8e-8 and 8e-3."""
+    t = 1e-3
+
+    def czpk(zeros, poles, gain):
+        return {"form": "czpk", "zeros": zeros, "poles": poles, "gain": gain}
+
+    mode = [[-3.333, 219.886], [-3.333, -219.886]]
+    plant = czpk([[-2.0, 170.33], [-2.0, -170.33]], [0.0, 0.0, *mode], 0.333333)
+    controller = czpk([-16.755], [-301.59], 75798.0)
+    table = {"name": "stage", "sample_time": t, "plant": plant | {"delay": 1}}
+    stage = plant_from_dict(table | {"controller": controller})
+    reference = moves([Move(0.1, 0.05, 0.3, 4.0, 150.0)], 0.6, t)
+    bounds = Constraints(feedforward=[-16.0, 14.5], feedforward_rate=2500.0, command=[-17.0, 16.0])
+    weights = Weights(1.0, Zpk([0.5], [0.2], 1e-5, t), 1e-12)
+    task = LearningTask(stage, SimulatedMachine(stage), FreeSignal(), reference, weights, bounds)
+    first, *trials = learn(task, 3, np.random.SeedSequence(2))
+    for trial in trials:
+        assert trial.update.status == "optimal"
+        assert trial.update.active > 300
+        assert trial.error_norm < 0.5 * first.error_norm
 
 
 @pytest.mark.parametrize("kind", list(WEIGHTS))

@@ -6,7 +6,9 @@ import pytest
 from ffl.bases import FIR, OBF, Derivatives
 from ffl.errors import InputError
 from ffl.learn import Constraints, FreeSignalUpdate, NormOptimal, Weights
-from ffl.systems import Zpk
+from ffl.learn.convex import conflict
+from ffl.learn.free_signal import minimiser
+from ffl.systems import Plant, Zpk
 
 T = 1e-3
 INSIDE = [0.9039, 0.9853, 0.9854 + 0.0457j, 0.9854 - 0.0457j, 0.9988]
@@ -53,8 +55,9 @@ def test_update_is_optimal_by_kkt_and_by_comparison(name, model, reference, firs
         Weights(50.0, 1e-5, 1e-4),
         Weights(np.linspace(1, 50, 400), 1e-6, np.linspace(0, 1e-4, 400)),
         Weights(SHAPE, 1e-6, SHAPE),
+        Weights(np.repeat([0.0, 50.0, 0.0], [100, 200, 100])),
     ],
-    ids=["paper", "change", "vectors", "filters"],
+    ids=["paper", "change", "vectors", "filters", "window"],
 )
 def test_update_equals_a_dense_solution_of_criterion_3(weights, model, reference, first_trial):
     n = 400
@@ -156,10 +159,35 @@ def test_infeasible_bounds_say_which_and_when(model, reference, first_trial):
     assert np.array_equal(update.theta, theta)
 
 
+def test_a_bound_that_the_basis_cannot_meet_alone_is_named_alone(model, reference, first_trial):
+    """At rest the feedforward is zero: no other bound has a part in that."""
+    problem = NormOptimal(
+        model,
+        BASES["derivatives"],
+        reference,
+        Weights(1e5, 1e-7),
+        Constraints(feedforward=[1.0, 2.0]),
+    )
+    message = problem.update(np.zeros(4), *first_trial).report.message
+    assert "lower bound 1 on feedforward at t = 0 s: it is 0 there whatever they are" in message
+    assert "against" not in message
+
+
+def test_only_bounds_that_contradict_each_other_are_named():
+    """x + y <= 1 against x >= 1 and y >= 1, scaled; three more rows have no part in it."""
+    g = np.array([[1.0, 1.0], [0.0, 1.0], [-3.0, 0.0], [1.0, -1.0], [0.0, -1e3], [0.0, 0.0]])
+    h = np.array([1.0, 5.0, -3.0, 9.0, -1e3, 0.0])
+    assert sorted(conflict(g, h)) == [0, 2, 4]
+    assert conflict(g[:4], h[:4]) == []
+    assert conflict(g, np.append(h[:5], -1.0)) == [5]
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Weights(0.0), "weights.error = 0 must be positive"),
+        (lambda: Weights(np.zeros(5)), "weights.error = 0 must be positive at some sample"),
+        (lambda: Weights(np.array([1.0, -1.0])), "weights.error = -1 must not be negative"),
         (lambda: Weights(-1.0), "weights.error = -1"),
         (lambda: Weights(1.0, -1e-7), "weights.feedforward = -1e-07 must not be negative"),
         (lambda: Weights(1.0, 0.0, np.nan), "weights.feedforward_change"),
@@ -191,8 +219,9 @@ def test_vector_weight_of_wrong_length_is_refused(model, reference):
         Weights(1e5, 1e-6, 1e-5),
         Weights(np.linspace(1, 50, 500), 1e-6, 1e-7),
         Weights(SHAPE, 1e-6, 0.0),
+        Weights(np.repeat([0.0, 50.0, 0.0], [100, 300, 100]), 1e-6),
     ],
-    ids=["paper", "change", "vector", "filter"],
+    ids=["paper", "change", "vector", "filter", "window"],
 )
 def test_free_signal_recursion_equals_the_dense_lifted_update(
     weights, model, reference, first_trial
@@ -217,6 +246,45 @@ def test_free_signal_recursion_equals_the_dense_lifted_update(
     assert update.report.kkt_residual < 1e-8
 
 
+@pytest.mark.parametrize("pole", [0.9, 0.99, 0.9999])
+def test_free_signal_is_the_exact_recursion_where_the_gain_has_not_settled(pole, monkeypatch):
+    """A gain held too early is mended by solving again, or recursed to the first sample."""
+    n = 3000
+    slow = Plant("slow", Zpk([], [pole], 1.0 - pole, T))
+    error = np.sin(np.arange(n) / 150.0)
+    update = FreeSignalUpdate(slow, np.zeros(n), Weights(1.0, 1.0))
+    parts = update.a, update.b, update.c, update.d, update.factors
+    targets = update.targets(np.zeros(n), error)
+    exact = minimiser(*parts, targets, settling=n)
+    held = minimiser(*parts, targets, settling=100)
+    asked = []
+
+    def counted(*arguments):
+        asked.append(arguments[-1])
+        return minimiser(*arguments)
+
+    monkeypatch.setattr("ffl.learn.free_signal.SETTLING", 100)
+    monkeypatch.setattr("ffl.learn.free_signal.minimiser", counted)
+    found = update.update(np.zeros(n), error)
+    assert found.report.status == "optimal"
+    assert found.report.kkt_residual < 1e-10
+    assert len(asked) <= 5
+    size = np.abs(exact).max()
+    assert np.abs(found.feedforward - exact).max() < 1e-8 * size
+    assert (asked == [100]) == (pole == 0.9)
+    assert pole == 0.9 or np.abs(held - exact).max() > 1e-3 * size
+    assert pole != 0.9999 or asked[-1] == n
+
+
 def test_free_signal_needs_some_weight_on_the_signal(model, reference):
     with pytest.raises(InputError, match="above zero"):
         FreeSignalUpdate(model, reference, Weights(1.0))
+
+
+def test_a_sample_of_the_free_signal_that_nothing_weighs_is_named(model, reference):
+    """The last samples answer in nothing that counts: W_e ends before them, and W_f too."""
+    n = len(reference)
+    window = np.repeat([1.0, 0.0], [2990, n - 2990])
+    update = FreeSignalUpdate(model, reference, Weights(window, 1e-7 * window))
+    with pytest.raises(InputError, match=f"nothing weighs the free signal at sample {n - 1}"):
+        update.update(np.zeros(n), np.ones(n))

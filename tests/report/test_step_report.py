@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,8 @@ import pytest
 from ffl.bases import make_basis
 from ffl.cli import execute
 from ffl.errors import InputError
-from ffl.learn import Weights
-from ffl.learn.step import learn_from_recording
+from ffl.learn import Constraints, Weights
+from ffl.learn.step import _GoingOn, learn_from_recording
 from ffl.recordings import Recording, read_recording, write_recording
 from ffl.systems import Controller, Plant, Zpk, closed_loop, load_plant
 
@@ -72,12 +74,33 @@ def test_the_next_trial_is_better_and_teaches_the_rest():
     second = recorded(plant, reference, feedforward=step.feedforward)
     assert np.linalg.norm(second.error) < 0.01 * np.linalg.norm(first.error)
     again = learn_from_recording(model, basis, second, Weights(1.0, 1e-20), previous=step.theta)
-    assert again.notes == ()
+    assert not any("injection" in note for note in again.notes)
     mass, viscous = again.theta + again.servo
     assert mass == pytest.approx(
         90.15, rel=1e-3
     )  # b T/2 = 0.15 kg: the held force is half a sample late
     assert viscous == pytest.approx(300.0, rel=2e-3)
+
+
+def test_a_step_that_corrects_more_than_noise_says_that_its_standard_errors_do_not_tell():
+    """Model right but for 40 N s/m on 5 kg: the first mass is off by 200 of its standard errors."""
+    controller = Controller.of_error(Zpk([np.exp(-16.755 * T)], [np.exp(-301.59 * T)], 6.6e4, T))
+    model = Plant("stage", Zpk([-1.0], [1.0, 1.0], T**2 / 10, T), controller)
+    machine = replace(model, system=servo(5.0, 40.0).system)
+    basis, reference, theta = make_basis(BASIS, T), motion(2000), None
+    f, off, notes = np.zeros(2000), [], []
+    mass = 5.0 + 40.0 * T / 2  # damping acts half a sample late under the hold
+    for number in range(4):
+        recording = recorded(machine, reference, feedforward=f, noise=3e-7, seed=number)
+        step = learn_from_recording(model, basis, recording, Weights(), previous=theta)
+        theta, f = step.theta, step.feedforward
+        off.append(abs(theta[0] - mass) / step.std_error[0])
+        notes.append(" ".join(step.notes))
+    assert off[0] > 100
+    assert "standard errors are those of noise alone: this step moved " in notes[0]
+    assert off[-1] < 10
+    assert theta[0] == pytest.approx(mass, rel=1e-3)
+    assert notes[-1] == ""
 
 
 def test_a_known_injection_is_not_learned():
@@ -185,7 +208,7 @@ def test_mistakes_write_nothing(file, old, new, says, files, tmp_path, capfd):
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ("{}", "not a state"),
+        ("{}", "not a state that 'ffl step' wrote (there is no 'schema'); give its state.json"),
         ("not json", "not a state"),
         ('{"schema": 1, "names": ["mass"], "theta": [1.0], "trial": 1}', "not those of the basis"),
         (
@@ -199,6 +222,47 @@ def test_a_wrong_state_is_refused(state, says, files, tmp_path, capfd):
     assert execute([*files, "--state", "state.json", "--out", "one"]) == 2
     assert says in capfd.readouterr().err
     assert not (tmp_path / "one").exists()
+
+
+def test_mistakes_of_model_and_state_name_their_file(files, tmp_path, capfd):
+    assert execute([*files, "--state", str(tmp_path), "--out", "one"]) == 2
+    assert "is a folder; give the state.json in it" in capfd.readouterr().err
+    text = (ROOT / "plants" / "emps.toml").read_text()
+    (tmp_path / "m.toml").write_text(re.sub(r"(?m)^gain = .*", "gain = 1.0", text))
+    assert execute(["m.toml" if a == "emps" else a for a in files] + ["--out", "one"]) == 2
+    assert "m.toml: emps: the closed loop is unstable" in capfd.readouterr().err
+    assert not (tmp_path / "one").exists()
+
+
+def test_a_bound_on_a_command_that_is_not_known_is_refused():
+    """A u that is not a number would lie within every bound."""
+    recording = recorded(servo(90.0), motion(3000))
+    unknown = replace(recording, u=np.full(3000, np.nan), missing=frozenset({"u"}))
+    with pytest.raises(InputError, match=r"recording: constraints.command .* record u"):
+        learn_from_recording(
+            load_plant("emps"), make_basis(BASIS, T), unknown, Weights(), Constraints(command=1e-3)
+        )
+
+
+def test_an_open_loop_machine_is_learned_too_and_no_closed_one_is_taken_for_it():
+    """Without a controller the plant integrates, and its command is the feedforward, recorded or not."""
+    mass = 4.5
+    model = Plant("free mass", Zpk([-1.0], [1.0, 1.0], T**2 / (2 * mass), T), None)
+    basis, reference = make_basis(BASIS, T), motion(3000)
+    previous = np.array([5.0, 0.0])
+    recording = recorded(
+        model, reference, noise=1e-7, feedforward=_GoingOn(basis).regressors(reference) @ previous
+    )
+    recording = replace(recording, u=np.full(3000, np.nan), missing=frozenset({"u"}))
+    step = learn_from_recording(model, basis, recording, Weights(), previous=previous)
+    assert step.theta[0] == pytest.approx(mass, rel=1e-3)
+    assert np.all(np.isfinite(step.std_error))
+    limit = 0.9 * np.abs(step.feedforward).max()
+    bounds = Constraints(command=limit)
+    bounded = learn_from_recording(model, basis, recording, Weights(), bounds, previous)
+    assert np.abs(bounded.feedforward).max() == pytest.approx(limit, rel=1e-6)
+    with pytest.raises(InputError, match="a controller was at work"):
+        learn_from_recording(model, basis, recorded(servo(90.0), reference), Weights())
 
 
 def test_another_sample_time_is_refused():

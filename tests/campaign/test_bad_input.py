@@ -1,0 +1,102 @@
+"""Mistakes in a campaign and its files: exit code 2 and one line that says what, where and the mend."""
+
+import json
+
+import pytest
+
+from ffl.cli import execute
+
+
+@pytest.fixture
+def said(capfd, tmp_path, monkeypatch):
+    """The one line on stderr of a command that must be refused and write nothing."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        before = sorted(tmp_path.rglob("*"))
+        capfd.readouterr()
+        assert execute([str(argument) for argument in arguments]) == 2
+        captured = capfd.readouterr()
+        assert len(captured.err.splitlines()) == 1
+        assert captured.out == ""
+        assert sorted(tmp_path.rglob("*")) == before
+        return captured.err
+
+    return run
+
+
+def with_file_reference(path, keys):
+    """The campaign at `path` with the reference of path.csv: 0.2 s, columns t and pos."""
+    rows = [f"{k / 1000:.3f},{0.02 * max(0, min((k - 20) / 100, 1)):.6f}" for k in range(200)]
+    (path.parent / "path.csv").write_text("\n".join(["t,pos", *rows]) + "\n")
+    text = path.read_text()
+    head, tail = text[: text.index("[reference]")], text[text.index("[[runs]]") :]
+    path.write_text(f'{head}[reference]\nkind = "file"\nfile = "path.csv"\n{keys}\n{tail}')
+
+
+def test_a_byte_order_mark_is_read_and_another_encoding_is_said(write_campaign, said):
+    path = write_campaign()
+    plain = path.read_bytes()
+    path.write_bytes(b"\xef\xbb\xbf" + plain)
+    assert execute(["check", str(path)]) == 0
+    path.write_bytes("# für\n".encode("latin-1") + plain)
+    assert "small.toml: not UTF-8 (byte 0xfc at position 3); save it as UTF-8" in said(
+        "check", path
+    )
+
+
+def test_a_reference_longer_than_its_file_is_refused(write_campaign, said):
+    path = write_campaign()
+    with_file_reference(path, 'column = "pos"\nduration = 0.5')
+    assert "reach beyond path.csv, which holds 0.2 s; shorten" in said("check", path.name)
+    with_file_reference(path, 'column = "pos"\nduration = 0.2')
+    assert execute(["check", path.name]) == 0
+
+
+def test_a_missing_reference_column_is_named_with_those_that_are_there(write_campaign, said):
+    path = write_campaign()
+    with_file_reference(path, "")
+    line = said("check", path.name)
+    assert "reference.column = 'r': path.csv does not hold that column (there is t, pos)" in line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "error = 1.0",
+            "error = [1.0, 2.0]",
+            "small.toml: runs[0] (derivatives): weights.error has 2",
+        ),
+        ("trials = 3", "trials = true", "trials = True: Input should be a valid integer"),
+        ("duration = 0.5", 'duration = "0.5"', "reference.duration = '0.5'"),
+    ],
+)
+def test_what_only_a_run_finds_out_names_the_file_too(old, new, says, write_campaign, said):
+    path = write_campaign()
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    assert says in said("run", path)
+
+
+def test_a_basis_that_is_no_table_is_said_in_the_files_own_words(write_campaign, said):
+    path = write_campaign()
+    lines = path.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("basis"))
+    path.write_text("\n".join([*lines[:at], 'basis = "fir"', *lines[at + 1 :]]))
+    assert "runs[0].basis = 'fir': give a list of tables" in said("check", path)
+
+
+def test_a_folder_that_is_not_finished_is_not_run_again(write_campaign, said, tmp_path):
+    assert execute(["run", str(write_campaign()), "--quiet", "--out", "done"]) == 0
+    results = json.loads((tmp_path / "done" / "results.json").read_text())
+    results["runs"][0] |= {"status": "running", "error_norm": results["runs"][0]["error_norm"][:1]}
+    (tmp_path / "done" / "results.json").write_text(json.dumps(results))
+    line = said("rerun", "done")
+    assert (
+        "has 1 of 3 trials; finish it first: ffl run done/campaign.toml --out done --resume" in line
+    )
+    (tmp_path / "folder").mkdir()
+    line = said("export", "done", "--run", "fir", "--format", "csv", "--out", "folder")
+    assert "folder: is a folder; give a file for --out" in line
