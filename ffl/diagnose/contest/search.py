@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from ffl.diagnose.contest.curves import two_for_two
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
 from ffl.diagnose.contest.judging import (
     UNTOLD,
@@ -204,6 +205,7 @@ def _climb(
                 quiet, held, base, steps, reserve | barred, say, last_contenders if again else {}
             )
             one = base if again else one_for_two(quiet, held, base, say)
+            one = two_for_two(quiet, held, one, say)
             if one is not base:
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one

@@ -1,0 +1,102 @@
+"""Two effects of speed in the place of two others.
+
+Dry and viscous friction, or dry friction and drag, draw one curve of force over speed together. Another
+pair may draw it better where neither half may be exchanged alone: beside a Stribeck curve drag is worth
+nothing, beside drag no Stribeck curve is missed. (A fan with 0.38 V of dry friction and drag was told as
+Stribeck and viscous friction, 0.97 each, from one recording; its own pair is ahead, with a number less.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.optimize
+
+from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.amounts import claims, effect_values, sizes
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import POINT
+from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import Array
+
+PLAIN = frozenset({"coulomb_friction", "asymmetric_friction", "stribeck_friction"})
+VISCOUS, DRAG = "viscous_friction", "quadratic_drag"
+AHEAD = 3.0  # score by which the other pair must be ahead; behind, with fewer numbers
+RISE, EARLY = (
+    1.3,
+    0.1,
+)  # of a Stribeck curve to begin with: static over level, its speed in RMS speeds
+
+
+def two_for_two(
+    quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
+) -> Judged:
+    """`current`, or where it scores higher, or as high with fewer numbers, the model with drag for viscous
+    friction (or for damping of its own beyond the contract's line), or viscous friction for drag, beside
+    any plain form of the dry friction."""
+    model = current.model
+    dry = next((spec for spec in model.effects if spec.name in PLAIN), None)
+    smooth = [spec for spec in model.effects if spec.name in (VISCOUS, DRAG)]
+    if dry is None or len(smooth) > 1 or model.proven & {dry.name, *(s.name for s in smooth)}:
+        return current
+    if not smooth and not claims("damping", sizes(quiet, model).get("damping", 0.0)):
+        return current
+    own = smooth[0] if smooth else EffectSpec(VISCOUS, effect_values(model, "damping"), dry.options)
+    company = model
+    for spec in (dry, *smooth):
+        company = company.without(company.names.index(spec.name))
+    best = current
+    for pair in _pairs(quiet, model, dry, own):
+        other = company
+        for spec in pair:
+            other = other.with_effect(spec)
+        rival = judge(quiet, held, other, 8)
+        if not credible(rival):
+            continue
+        rival, stands = levelled([rival, best])
+        gained = rival.score - stands.score
+        say(f"  {pair[0].name} and {pair[1].name} for {dry.name} and {own.name}: {gained:+.1f}")
+        fewer = len(rival.model.coordinates) < len(stands.model.coordinates)
+        if gained > (-AHEAD if fewer else AHEAD):
+            best = rival
+    return best
+
+
+def _pairs(
+    quiet: Scene, model: Model, dry: EffectSpec, smooth: EffectSpec
+) -> list[tuple[EffectSpec, EffectSpec]]:
+    """The pairs with the other smooth form, nearest to the same force over the speeds of `model`, at the
+    same places."""
+    speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
+    usual = float(np.sqrt(np.mean(speed**2))) or 1.0
+    power = {VISCOUS: 1.0, DRAG: 2.0}
+    drawn = _dry(dry, speed) + smooth.parameters["coefficient"] * speed ** power[smooth.name]
+    other = DRAG if smooth.name == VISCOUS else VISCOUS
+    table = np.column_stack([np.ones(len(speed)), (speed / usual) ** power[other]])
+    level, most = scipy.optimize.nnls(table, drawn)[0]
+    places = {k: v for k, v in smooth.options.items() if k in POINT}
+    beside = EffectSpec(other, {"coefficient": most / usual ** power[other]}, places)
+    forms = {
+        "coulomb_friction": {"level": level},
+        "asymmetric_friction": {"level_positive": level, "level_negative": level},
+        "stribeck_friction": {
+            "coulomb_level": level,
+            "static_level": RISE * level,
+            "stribeck_velocity": EARLY * usual,
+        },
+    }
+    options = {k: v for k, v in dry.options.items() if k in POINT}
+    return [(EffectSpec(form, values, options), beside) for form, values in forms.items()]
+
+
+def _dry(spec: EffectSpec, speed: Array) -> Array:
+    """Level of a plain form at each `speed`, the mean of both directions."""
+    values = spec.parameters
+    if spec.name == "asymmetric_friction":
+        return np.full(len(speed), 0.5 * (values["level_positive"] + values["level_negative"]))
+    if spec.name == "coulomb_friction":
+        return np.full(len(speed), values["level"])
+    rise = values["static_level"] - values["coulomb_level"]
+    return values["coulomb_level"] + rise * np.exp(-((speed / values["stribeck_velocity"]) ** 2))

@@ -1,0 +1,41 @@
+"""A pair that draws force over speed, for another pair."""
+
+from dataclasses import replace
+
+import pytest
+
+from ffl.diagnose.contest.curves import two_for_two
+from ffl.diagnose.contest.judging import judge
+from ffl.systems.plant import EffectSpec
+
+COULOMB = EffectSpec("coulomb_friction", {"level": 2.0})
+DRAG = EffectSpec("quadratic_drag", {"coefficient": 60.0})
+STRIBECK = EffectSpec(
+    "stribeck_friction", {"coulomb_level": 1.5, "static_level": 2.1, "stribeck_velocity": 0.05}
+)
+VISCOUS = EffectSpec("viscous_friction", {"coefficient": 12.0})
+
+
+def standing(scenes, runs, *effects):  # type: ignore[no-untyped-def]
+    scene, held, model = scenes(runs)
+    for spec in effects:
+        model = model.with_effect(spec)
+    return scene, held, judge(scene, held, model, 10)
+
+
+def test_dry_friction_and_drag_for_a_stribeck_curve_and_a_damper(stage, record, scenes):
+    """Neither half may be exchanged alone."""
+    runs = record(replace(stage, effects=(COULOMB, DRAG)))
+    scene, held, judged = standing(scenes, runs, STRIBECK, VISCOUS)
+    found = two_for_two(scene, held, judged, lambda line: None)
+    assert found.model.names == ("coulomb_friction", "quadratic_drag")
+    assert found.model.effects[0].parameters["level"] == pytest.approx(2.0, rel=0.02)
+    assert found.model.effects[1].parameters["coefficient"] == pytest.approx(60.0, rel=0.05)
+
+
+def test_what_is_right_stays_and_no_pair_is_made_of_one(stage, record, scenes):
+    runs = record(replace(stage, effects=(COULOMB, VISCOUS)))
+    scene, held, judged = standing(scenes, runs, COULOMB, VISCOUS)
+    assert two_for_two(scene, held, judged, lambda line: None) is judged
+    scene, held, alone = standing(scenes, runs, VISCOUS)
+    assert two_for_two(scene, held, alone, lambda line: None) is alone
