@@ -37,10 +37,14 @@ class Task:
 
 @dataclass(frozen=True)
 class Found:
-    """JSON facts, the page, and the plant (forward model) or the basis table (inverse) for a campaign."""
+    """JSON facts, the page, and the plant (forward model) or the basis table (inverse) for a campaign.
+
+    `notes`: what must be said with the answer, in sentences.
+    """
 
     facts: dict[str, Any]
     page: Page
+    notes: tuple[str, ...] = ()
     plant: Plant | None = None
     basis: dict[str, Any] | None = None
 
@@ -210,7 +214,7 @@ def _linear(task: Task) -> Found:
         "Bars beyond the band: structure the model leaves in the residual, or (right) response to "
         "the input that it misses; `ffl diagnose` asks what it is.",
     )
-    return Found(summary, page, plant)
+    return Found(summary, page, model.remarks, plant)
 
 
 METHODS: dict[str, Callable[[Task], Found]] = {
@@ -294,13 +298,16 @@ def identify_with_report(
         for path in data
     )
     found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders)))
-    answer: dict[str, Any] = {"schema": 1, "method": method, **finite(found.facts)}
+    notes = list(found.notes)
     if method in BY_REGRESSION and _fed_back(recordings[0]):
-        answer["note"] = FED_BACK
-        found.page.section("Closed loop").note(FED_BACK)
+        notes.append(FED_BACK)
     if method == "linear" and (unseen := _at_limits(recordings, plant)):
-        answer["note"] = f"{unseen} samples at the limit of the sensor were not fitted"
-        found.page.section("Sensor").note(answer["note"])
+        notes.append(f"{unseen} samples at the limit of the sensor were not fitted")
+    answer: dict[str, Any] = {"schema": 1, "method": method, **finite(found.facts), "notes": notes}
+    if notes:
+        found.page.section("To be said with the answer")
+    for note in notes:
+        found.page.note(note)
     if out is not None:
         write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
         if found.plant is not None:
