@@ -206,4 +206,4 @@ def test_lack_of_fit_has_its_level_and_is_silent_on_short_records():
         rejected += p < 0.05
     assert 5 < rejected < 28  # 15 expected
     short = reduce_record(u[:60], u[:60] + rng.standard_normal(60), 60)
-    assert np.isnan(lack_of_fit(short, 1.0, 6)).all()
+    assert np.isnan(lack_of_fit(short, 1.0, 30)).all()

@@ -14,14 +14,18 @@ from ffl.identify.bayes.records import Record
 def lack_of_fit(record: Record, misfit: float, n_taps: int) -> tuple[float, float]:
     """Ratio of noise variances (taps over free forward FIR model), and the p-value of its F test.
 
-    nan, nan where the record has fewer than two samples per forward coefficient: nothing to compare.
+    The free model has as many coefficients as the record, but no more than half its samples: a
+    forward response cut short leaves more, so that the ratio errs to the small side. nan, nan where
+    that leaves no more than the taps: nothing to compare.
     """
-    free = record.n_samples - record.length
-    if free < record.length or record.floor <= 0:
+    n_free = min(len(record.target), record.n_samples // 2)
+    floor = record.floor + float(np.sum(record.target[n_free:] ** 2))
+    if n_free <= n_taps or floor <= 0:
         return float("nan"), float("nan")
-    ratio = (misfit / (record.n_samples - n_taps)) / (record.floor / free)
-    extra = (misfit - record.floor) / (record.length - n_taps)
-    p = fisher.sf(max(extra, 0.0) / (record.floor / free), record.length - n_taps, free)
+    free = record.n_samples - n_free
+    ratio = (misfit / (record.n_samples - n_taps)) / (floor / free)
+    extra = (misfit - floor) / (n_free - n_taps)
+    p = fisher.sf(max(extra, 0.0) / (floor / free), n_free - n_taps, free)
     return float(ratio), float(p)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.errors import InputError
-from ffl.identify.bayes.circle import circle_response, inside_count
+from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.importance import WeightedDraws, importance_sample
 from ffl.identify.bayes.lack_of_fit import lack_of_fit, remark
 from ffl.identify.bayes.laplace import Laplace, laplace_per_node, posterior_mode
@@ -100,7 +100,7 @@ def direct_posterior(
     else:
         start = likelihood or maximum_likelihood(record, n_ac, n_c)
         found = _sampled(record, start, n_ac, rng, n_draws, n_decays, peak_reach, least_ess)
-    misfit = record.misfit(circle_response(found.mode, n_ac, record.length))
+    misfit = record.misfit(record.response(found.mode, n_ac))
     ratio, p = lack_of_fit(record, misfit, n_ac + n_c)
     return replace(found, noise_ratio=ratio, lack_of_fit=p)
 
@@ -200,7 +200,7 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
             continue
         prior = grid_prior(n_ac, n_c, peaks_around(guess, n_ac, peak_reach), n_decays)
         mode = posterior_mode(record, prior, guess, n_ac, max_steps=100)
-        misfit = record.misfit(circle_response(mode, n_ac, record.length))
+        misfit = record.misfit(record.response(mode, n_ac))
         value = -0.5 * record.n_samples * np.log(misfit) + prior.log_density(mode[None])[0]
         if best is None or value > best[0]:
             best = value, prior, mode, MaximumLikelihood(mode, misfit, inside, name, 0)
