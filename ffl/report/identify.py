@@ -84,7 +84,18 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
         "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
         "recording says little: the command had no power there.",
     )
-    return Found(facts, page, basis=_filter(inverse.lags, inverse.theta))
+    return Found(facts, page, _unsettled(fitted), basis=_filter(inverse.lags, inverse.theta))
+
+
+def _unsettled(fitted: Any) -> tuple[str, ...]:
+    """What to say where the hyperparameters were learned and the search for them did not end."""
+    status = fitted.evidence_.status if hasattr(fitted, "evidence_") else "converged"
+    if status == "converged":
+        return ()
+    return (
+        f"the search for the hyperparameters did not converge ({status}): the taps may be smoothed too "
+        "much or too little; compare them with those of least_squares, or take fewer taps",
+    )
 
 
 def _filter(lags: Any, taps: Any) -> dict[str, Any]:
@@ -115,13 +126,26 @@ def _bayes(task: Task) -> Found:
 
     recording = _one(task, "bayes")
     fitted = DirectBayesianInverse(task.n_ac, task.n_c).fit(recording)
+    found = fitted.result_
     rows = zip(fitted.taps_, fitted.theta_, fitted.standard_errors(), strict=True)
     facts = {
         "taps": [{"lag": int(k), "value": float(v), "std_error": float(s)} for k, v, s in rows],
         "noise_variance": float(fitted.noise_variance_),
-        "status": str(fitted.result_.status),
+        "status": str(found.status),
+        "effective_sample_size": found.effective_sample_size,
+        "importance_effective_sample_size": found.importance_ess,
+        "noise_ratio": found.noise_ratio,
+        "lack_of_fit_p": found.lack_of_fit,
     }
     page = _page("bayes", recording)
+    page.section("Posterior").facts(
+        [
+            ("status", found.status),
+            ("effective sample size", finite(found.effective_sample_size)),
+            ("noise over that of a free forward model", finite(found.noise_ratio)),
+            ("lack of fit, p", finite(found.lack_of_fit)),
+        ]
+    )
     with drawing():
         figure, ax = subplots()
         fitted.plot(ax)
@@ -131,7 +155,7 @@ def _bayes(task: Task) -> Found:
         "Posterior mean and two standard deviations either way; taps before zero act before the "
         "reference does.",
     )
-    return Found(facts, page, basis=_filter(fitted.taps_, fitted.theta_))
+    return Found(facts, page, found.remarks, basis=_filter(fitted.taps_, fitted.theta_))
 
 
 def _instrumental(task: Task) -> Found:

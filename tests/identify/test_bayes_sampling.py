@@ -182,6 +182,7 @@ def test_chains_that_disagree_are_called_unconverged(monkeypatch, record):
     found = direct_posterior(record, 4, 2, np.random.default_rng(5), least_ess=np.inf, n_draws=500)
     assert found.status == "unconverged"
     assert "chains disagree" in found.remarks[0]
+    assert "take more taps" in found.remarks[0]
 
 
 def test_too_few_taps_are_said_and_enough_taps_are_not():

@@ -73,7 +73,9 @@ class Posterior:
         found = [remark(self.noise_ratio, self.lack_of_fit, len(self.theta))]
         if self.status == "unconverged" and self.chains is not None:
             found.append(
-                f"the chains disagree (split R-hat {self.chains.rhat.max():.2f}): no answer yet"
+                f"unconverged: the chains disagree (split R-hat {self.chains.rhat.max():.2f}, 1 where "
+                "they agree), so this is no answer yet; take more taps (too few are the usual reason), "
+                "or record longer or with more power"
             )
         return tuple(sentence for sentence in found if sentence)
 
