@@ -274,6 +274,7 @@ def with_nan(x):
             "neither r nor f",
         ),
         (lambda: best_linear(Signals(**good()), ()), "orders is empty"),
+        (lambda: best_linear(Signals(**good()), (-2, 3)), "order -2 is not 1 or more"),
         (lambda: as_signals([np.zeros(3)]), "give a Recording, or Signals"),
     ],
 )

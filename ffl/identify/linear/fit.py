@@ -155,6 +155,8 @@ def best_linear(
     orders = sorted({int(order) for order in orders})
     if not orders or n_folds < 2:
         raise InputError("orders is empty or n_folds below 2; give orders such as 1 2 3, n_folds 5")
+    if orders[0] < 1:
+        raise InputError(f"order {orders[0]} is not 1 or more; give orders such as 1 2 3")
     if integrators is None:
         integrators = (0,) if kind == "output_error" else (0, 1)
     if delays is None:
@@ -184,10 +186,10 @@ def best_linear(
 
 def _none_admissible(pieces: Sequence[Signals], orders: Sequence[int], method: Method) -> str:
     listed = ", ".join(str(order) for order in orders)
-    other = "other orders" if method == "prediction_error" else "method prediction_error"
+    check = "check the controller, or " if method == "closed_loop" else ""
     return (
         f"{pieces[0].source}: none of the orders {listed} gave an admissible model with method "
-        f"{method}; try {other}"
+        f"{method}; {check}try other orders"
     )
 
 
