@@ -118,10 +118,19 @@ def wrong_side(n_ac: int, n_c: int) -> InputError:
 
 
 def check_explained(record: Record, found: MaximumLikelihood, n_ac: int, n_c: int) -> None:
-    """Refuses an inverse that explains no more of y than chance, or all of it."""
+    """Refuses an inverse that explains no more of y than chance, or all of it.
+
+    Below six samples a tap chance explains half of y and more, and says nothing about the system.
+    """
     energy = float(np.sum(record.target**2) + record.floor)
     explained = 1 - found.misfit / energy
     chance = 3 * (n_ac + n_c) / record.n_samples  # pure noise: 1 on average, up to 2.5 seen
+    if explained < chance and chance > 0.5:
+        raise InputError(
+            f"{record.n_samples} samples are too few for {n_ac} non-causal and {n_c} causal taps: noise "
+            f"alone could be explained to {100 * min(chance, 1):.0f} %; take fewer taps, or record "
+            f"{6 * (n_ac + n_c)} samples or more"
+        )
     if explained < chance:
         raise InputError(
             f"the best inverse with {n_ac} non-causal and {n_c} causal taps explains "
