@@ -55,6 +55,12 @@ def _one(task: Task, method: str) -> Recording:
     return task.recordings[0]
 
 
+BAND_OF = {
+    "kernel": " The band is that of the posterior at the learned hyperparameters: it holds for the taps "
+    "that the data see; how small the others are the kernel's decay says, which has an error of its own."
+}
+
+
 def _taps(task: Task, method: str, estimator: Any) -> Found:
     from ffl.report import kernel2018_figures as draw
 
@@ -82,7 +88,7 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
         figure,
         "Identified inverse with its 95 % band",
         "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
-        "recording says little: the command had no power there.",
+        f"recording says little: the command had no power there.{BAND_OF.get(method, '')}",
     )
     return Found(facts, page, _unsettled(fitted), basis=_filter(inverse.lags, inverse.theta))
 
