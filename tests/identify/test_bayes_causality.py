@@ -11,10 +11,10 @@ CIRCLE = np.exp(2j * np.pi * np.arange(4096) / 4096)
 TRUE = np.polyval(DENOMINATOR[::-1], 1 / CIRCLE) / np.polyval(NUMERATOR[::-1], 1 / CIRCLE)
 
 
-def learned(n_samples, n_ac, n_c, seed=5):
+def learned(n_samples, n_ac, n_c, seed=5, numerator=NUMERATOR):
     rng = np.random.default_rng(seed)
     u = rng.standard_normal(n_samples)
-    x = lfilter(NUMERATOR, DENOMINATOR, u)
+    x = lfilter(numerator, DENOMINATOR, u)
     y = x + 0.05 * np.std(x) * rng.standard_normal(n_samples)
     return DirectBayesianInverse(n_ac, n_c).fit(u, y, rng=np.random.default_rng(0))
 
@@ -37,6 +37,16 @@ def test_the_forward_system_of_the_answer_is_causal_and_the_errors_cover(seed):
     off = (found.theta_ - true) / found.standard_errors()
     assert np.sqrt(np.mean(off**2)) < 2
     assert found.result_.remarks == ()
+
+
+def test_the_errors_cover_where_the_zero_is_slow():
+    """1.08, slower than the decays that six taps can show: the prior must know of slower ones."""
+    numerator = 0.8 * np.poly([1.08, 0.4])
+    found = learned(4000, 80, 20, 6, numerator)
+    true = np.polyval(DENOMINATOR[::-1], 1 / CIRCLE) / np.polyval(numerator[::-1], 1 / CIRCLE)
+    off = (found.theta_ - np.fft.ifft(true).real[found.taps_]) / found.standard_errors()
+    assert np.sqrt(np.mean(off**2)) < 1.3
+    assert np.mean(abs(off) < 2) > 0.9
 
 
 def test_few_taps_on_a_short_record_converge_and_say_that_they_are_few():

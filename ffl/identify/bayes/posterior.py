@@ -23,7 +23,7 @@ from ffl.identify.bayes.maximum_likelihood import (
     wrong_side,
 )
 from ffl.identify.bayes.metropolis import Chains, metropolis
-from ffl.identify.bayes.prior import Node, Prior, grid_prior, peaks_around
+from ffl.identify.bayes.prior import LARGEST_DECAY, Node, Prior, grid_prior, peaks_around
 from ffl.identify.bayes.records import Record
 
 SAMPLING_LIMIT = 12  # taps: beyond, importance weights degenerate and the mode stands alone
@@ -195,12 +195,16 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
 
     Maximum likelihood is no start here: with 75 taps on a resonant system it went to a fit of -700
     while every first guess was above 85. The mode is sought from each guess, the highest stands.
+    Decays reach as far as the taps do: with a zero at 1.08 and 80 + 20 taps a grid that ended at 0.9
+    left 66 to 84 % of the taps within two standard errors, instead of 93 to 100 %.
     """
     best = None
+    slowest = max(LARGEST_DECAY, 1 - 1 / (n_ac + n_c))
     for name, guess in starts(record, n_ac, n_c).items():
         if (inside := inside_count(guess, n_ac)) < n_c - 1:
             continue
-        prior = grid_prior(n_ac, n_c, peaks_around(guess, n_ac, peak_reach), n_decays)
+        peaks = peaks_around(guess, n_ac, peak_reach)
+        prior = grid_prior(n_ac, n_c, peaks, n_decays, slowest)
         mode = posterior_mode(record, prior, guess, n_ac, max_steps=100)
         misfit = record.misfit(record.response(mode, n_ac))
         value = -0.5 * record.n_samples * np.log(misfit) + prior.log_density(mode[None])[0]
