@@ -47,6 +47,8 @@ def identify(
             print_table(list(value[0]), [[row.get(k) for k in value[0]] for row in value])
         elif not isinstance(value, (list, dict)):
             print(f"{name}: {value:.6g}" if isinstance(value, float) else f"{name}: {value}")
+    for note in answer["notes"]:
+        print(f"\nnote: {note}")
     if out is not None:
         used = "plant.toml" if method == "linear" else "basis.toml"
         print(f"\nfor a campaign: {out / used}\nreport: {out / 'report.html'}")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffl.bases.base import Basis
 from ffl.errors import InputError
-from ffl.identify.estimator import Estimator, checked
+from ffl.identify.estimator import Estimator, checked, command
 from ffl.identify.inverse import Band, InverseBasis, magnitude_band
 from ffl.identify.regression import upper_triangle
 from ffl.systems import Plant, StateSpace
@@ -112,7 +112,8 @@ class InstrumentalInverse(Estimator):
             raise InputError(
                 f'method = {self.method!r} is neither "instrumental" nor "least_squares"'
             )
-        r, f, u, y = (checked(getattr(recording, name), name) for name in ("r", "f", "u", "y"))
+        r, f, y = (checked(getattr(recording, name), name) for name in ("r", "f", "y"))
+        u = checked(command(recording), "u")
         if self.model.controller is None:
             raise InputError(
                 f"{self.model.name} has no [controller]; give the one the trial ran with"

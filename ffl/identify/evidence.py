@@ -193,6 +193,7 @@ class Evidence:
             s.noise_variance,
             triangle,
             columns,
+            s.factor.dropped,
         )
 
 

@@ -117,6 +117,11 @@ class KernelInverse(Backward):
     `LeastSquaresInverse`. Learns also `kernel_`, `log_evidence_`, `evidence_` and
     `effective_parameters_`.
 
+    The posterior is that at the learned hyperparameters (poles excepted, see `Evidence.inverse`). Where
+    the data speak its band holds: of the taps above a thousandth 94 to 97 % lie within the 95 % band
+    (zero at 1.25 or minimum phase, 600 samples, noise 0.1); far below, where the kernel's decay and not
+    the data says how large a tap is, the decay's own error counts: 75 % of all 81 or 61 taps.
+
     >>> import numpy as np
     >>> from ffl.identify.kernels import TC
     >>> rng = np.random.default_rng(0)

@@ -35,7 +35,9 @@ class IdentifiedInverse:
     """F(q) = sum_{k=-n_ac..n_c} theta_k q^-k, equation (1), with posterior covariance S S^T.
 
     `theta` is ordered k = -n_ac .. n_c. S = sqrt(noise_variance) columns triangle^-1, `columns` B of
-    D = B B^T (None: the identity of least squares) and `triangle` of the QR that gave theta.
+    D = B B^T (None: the identity of least squares) and `triangle` of the QR that gave theta. Where B
+    has fewer columns than D has rank, `dropped` (n_ac + n_c + 1,) is the variance that it leaves out: so
+    far below the largest tap's that the data say nothing, and the prior's stands.
     """
 
     theta: Array
@@ -45,13 +47,18 @@ class IdentifiedInverse:
     noise_variance: float
     triangle: Array
     columns: Array | None = None
+    dropped: Array | None = None
 
     @cached_property
     def spread(self) -> Array:
-        """S, shape (n_ac + n_c + 1, p): the posterior covariance is S S^T."""
+        """S, with n_ac + n_c + 1 rows: the posterior covariance is S S^T."""
         inverse = scipy.linalg.solve_triangular(self.triangle, np.eye(len(self.triangle)))
         root = np.sqrt(self.noise_variance) * inverse
-        return root if self.columns is None else self.columns @ root
+        if self.columns is not None:
+            root = self.columns @ root
+        if self.dropped is None or not self.dropped.any():
+            return root
+        return np.hstack([root, np.diag(np.sqrt(self.dropped))[:, self.dropped > 0]])
 
     @property
     def lags(self) -> NDArray[np.int64]:

@@ -37,10 +37,14 @@ class Task:
 
 @dataclass(frozen=True)
 class Found:
-    """JSON facts, the page, and the plant (forward model) or the basis table (inverse) for a campaign."""
+    """JSON facts, the page, and the plant (forward model) or the basis table (inverse) for a campaign.
+
+    `notes`: what must be said with the answer, in sentences.
+    """
 
     facts: dict[str, Any]
     page: Page
+    notes: tuple[str, ...] = ()
     plant: Plant | None = None
     basis: dict[str, Any] | None = None
 
@@ -49,6 +53,12 @@ def _one(task: Task, method: str) -> Recording:
     if len(task.recordings) > 1:
         raise InputError(f"identify {method} learns from one recording; give --data once")
     return task.recordings[0]
+
+
+BAND_OF = {
+    "kernel": " The band is that of the posterior at the learned hyperparameters: it holds for the taps "
+    "that the data see; how small the others are the kernel's decay says, which has an error of its own."
+}
 
 
 def _taps(task: Task, method: str, estimator: Any) -> Found:
@@ -78,9 +88,20 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
         figure,
         "Identified inverse with its 95 % band",
         "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
-        "recording says little: the command had no power there.",
+        f"recording says little: the command had no power there.{BAND_OF.get(method, '')}",
     )
-    return Found(facts, page, basis=_filter(inverse.lags, inverse.theta))
+    return Found(facts, page, _unsettled(fitted), basis=_filter(inverse.lags, inverse.theta))
+
+
+def _unsettled(fitted: Any) -> tuple[str, ...]:
+    """What to say where the hyperparameters were learned and the search for them did not end."""
+    status = fitted.evidence_.status if hasattr(fitted, "evidence_") else "converged"
+    if status == "converged":
+        return ()
+    return (
+        f"the search for the hyperparameters did not converge ({status}): the taps may be smoothed too "
+        "much or too little; compare them with those of least_squares, or take fewer taps",
+    )
 
 
 def _filter(lags: Any, taps: Any) -> dict[str, Any]:
@@ -111,13 +132,26 @@ def _bayes(task: Task) -> Found:
 
     recording = _one(task, "bayes")
     fitted = DirectBayesianInverse(task.n_ac, task.n_c).fit(recording)
+    found = fitted.result_
     rows = zip(fitted.taps_, fitted.theta_, fitted.standard_errors(), strict=True)
     facts = {
         "taps": [{"lag": int(k), "value": float(v), "std_error": float(s)} for k, v, s in rows],
         "noise_variance": float(fitted.noise_variance_),
-        "status": str(fitted.result_.status),
+        "status": str(found.status),
+        "effective_sample_size": found.effective_sample_size,
+        "importance_effective_sample_size": found.importance_ess,
+        "noise_ratio": found.noise_ratio,
+        "lack_of_fit_p": found.lack_of_fit,
     }
     page = _page("bayes", recording)
+    page.section("Posterior").facts(
+        [
+            ("status", found.status),
+            ("effective sample size", finite(found.effective_sample_size)),
+            ("noise over that of a free forward model", finite(found.noise_ratio)),
+            ("lack of fit, p", finite(found.lack_of_fit)),
+        ]
+    )
     with drawing():
         figure, ax = subplots()
         fitted.plot(ax)
@@ -127,7 +161,7 @@ def _bayes(task: Task) -> Found:
         "Posterior mean and two standard deviations either way; taps before zero act before the "
         "reference does.",
     )
-    return Found(facts, page, basis=_filter(fitted.taps_, fitted.theta_))
+    return Found(facts, page, found.remarks, basis=_filter(fitted.taps_, fitted.theta_))
 
 
 def _instrumental(task: Task) -> Found:
@@ -210,7 +244,7 @@ def _linear(task: Task) -> Found:
         "Bars beyond the band: structure the model leaves in the residual, or (right) response to "
         "the input that it misses; `ffl diagnose` asks what it is.",
     )
-    return Found(summary, page, plant)
+    return Found(summary, page, model.remarks, plant)
 
 
 METHODS: dict[str, Callable[[Task], Found]] = {
@@ -294,13 +328,16 @@ def identify_with_report(
         for path in data
     )
     found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders)))
-    answer: dict[str, Any] = {"schema": 1, "method": method, **finite(found.facts)}
+    notes = list(found.notes)
     if method in BY_REGRESSION and _fed_back(recordings[0]):
-        answer["note"] = FED_BACK
-        found.page.section("Closed loop").note(FED_BACK)
+        notes.append(FED_BACK)
     if method == "linear" and (unseen := _at_limits(recordings, plant)):
-        answer["note"] = f"{unseen} samples at the limit of the sensor were not fitted"
-        found.page.section("Sensor").note(answer["note"])
+        notes.append(f"{unseen} samples at the limit of the sensor were not fitted")
+    answer: dict[str, Any] = {"schema": 1, "method": method, **finite(found.facts), "notes": notes}
+    if notes:
+        found.page.section("To be said with the answer")
+    for note in notes:
+        found.page.note(note)
     if out is not None:
         write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
         if found.plant is not None:

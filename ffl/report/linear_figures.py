@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from ffl.identify.linear import LinearModel, Overlay
+from ffl.identify.linear import LinearModel, Overlay, Rung
 from ffl.report.page import COLOURS, MARKERS
 from ffl.systems.state_space import Array
 
@@ -17,16 +17,14 @@ INK = "#1b1f24"
 
 def order_ladder(ax: Axes, model: LinearModel) -> Axes:
     """Held-out (full) and estimation (hollow) NRMSE over the order; the chosen rung is ringed."""
-    kinds = sorted({(r.structure.delay, r.structure.integrators) for r in model.ladder})
-    for index, (delay, integrators) in enumerate(kinds):
-        rungs = [
-            r
-            for r in model.ladder
-            if (r.structure.delay, r.structure.integrators) == (delay, integrators)
-        ]
+    kinds = sorted({_kind(r) for r in model.ladder})
+    for index, (delay, integrators, feedthrough) in enumerate(kinds):
+        rungs = [r for r in model.ladder if _kind(r) == (delay, integrators, feedthrough)]
         orders = [r.structure.order for r in rungs]
         colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-        label = "held out" if len(kinds) == 1 else f"held out, delay {delay}, at 1: {integrators}"
+        label = "held out"
+        if len(kinds) > 1:
+            label += f", delay {delay}, at 1: {integrators}" + ", feedthrough" * feedthrough
         ax.semilogy(orders, [r.held_out for r in rungs], marker=marker, color=colour, label=label)
         ax.semilogy(
             orders,
@@ -52,6 +50,11 @@ def order_ladder(ax: Axes, model: LinearModel) -> Axes:
     ax.set_ylabel("NRMSE [1]")
     ax.legend()
     return ax
+
+
+def _kind(rung: Rung) -> tuple[int, int, bool]:
+    s = rung.structure
+    return s.delay, s.integrators, s.feedthrough
 
 
 def fit_overlay(ax: Axes, overlay: Overlay, unit: str = "", label: str = "model") -> Axes:

@@ -107,6 +107,12 @@ REFUSALS = {
     "no draws": (WHITE, lfilter([1.0], [1.0, -0.5], WHITE) + NOISE, {"n_draws": 0}, "0 draws"),
     "no output": (WHITE, None, {}, "two arrays"),
     "nothing in common": (WHITE, NOISE, {}, "no more than chance"),
+    "few samples for so many taps": (
+        WHITE,
+        lfilter([1.0], [1.0, -0.5], WHITE) + 0.1 * NOISE,
+        {"n_ac": 40, "n_c": 40},
+        "200 samples are too few .* fewer taps, or record 480",
+    ),
     "output before input": (
         WHITE[:-2],
         WHITE[2:] + 0.1 * NOISE[2:],

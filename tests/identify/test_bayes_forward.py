@@ -120,6 +120,39 @@ def test_the_reduced_record_has_the_misfit_of_the_full_one():
     assert fast == pytest.approx(direct, rel=1e-12)
 
 
+@pytest.mark.parametrize(("n_ac", "n_c"), [(3, 2), (2, 3), (4, 1)])
+def test_roots_and_fft_agree_on_both_sides_of_zero(n_ac, n_c):
+    theta = taps_with_roots([0.5, -0.3], [1.4, -2.0])
+    xi, _ = roots.forward_response(theta, n_ac, 60, before=12)
+    other = circle.circle_response(theta, n_ac, 60, 4096, before=12)
+    assert np.abs(xi[:12]).max() > 0.05
+    np.testing.assert_allclose(xi, other, atol=1e-12)
+
+
+def test_the_derivative_holds_on_both_sides_of_zero():
+    theta, step = taps_with_roots([0.5, -0.3], [1.4, -2.0]), 1e-6
+    _, slope = circle.circle_jacobian(theta, 3, 40, before=8)
+    numeric = [
+        (
+            circle.circle_response(theta + step * e, 3, 40, before=8)
+            - circle.circle_response(theta - step * e, 3, 40, before=8)
+        )
+        / (2 * step)
+        for e in np.eye(len(theta))
+    ]
+    np.testing.assert_allclose(slope, np.transpose(numeric), atol=1e-7)
+
+
+def test_a_record_of_both_sides_has_the_misfit_of_the_two_sided_sum():
+    rng = np.random.default_rng(3)
+    u, y, xi = rng.standard_normal(3000), rng.standard_normal(3000), rng.standard_normal(25)
+    record = reduce_record(u, y, 20, before=5)
+    output = np.convolve(xi, u)[5:3005]  # xi[5] stands at t = 0
+    assert record.misfit(xi) == pytest.approx(np.sum((y - output) ** 2), rel=1e-12)
+    late = reduce_record(u, y, 20, at_rest=False, before=5)
+    assert late.misfit(xi) == pytest.approx(np.sum((y - output)[19:] ** 2), rel=1e-12)
+
+
 def test_an_unknown_start_leaves_out_the_rows_it_reaches():
     rng = np.random.default_rng(1)
     past, u = rng.standard_normal(50), rng.standard_normal(300)

@@ -8,7 +8,7 @@ from ffl.identify.bayes.algorithm_1 import algorithm_1, map_estimate
 from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.diagnostics import effective_sample_size, split_rhat
 from ffl.identify.bayes.importance import importance_sample, mixture_log_density
-from ffl.identify.bayes.lack_of_fit import lack_of_fit
+from ffl.identify.bayes.lack_of_fit import lack_of_fit, remark
 from ffl.identify.bayes.laplace import laplace_per_node, posterior_mode
 from ffl.identify.bayes.maximum_likelihood import gauss_newton, maximum_likelihood, starts
 from ffl.identify.bayes.metropolis import metropolis
@@ -182,6 +182,7 @@ def test_chains_that_disagree_are_called_unconverged(monkeypatch, record):
     found = direct_posterior(record, 4, 2, np.random.default_rng(5), least_ess=np.inf, n_draws=500)
     assert found.status == "unconverged"
     assert "chains disagree" in found.remarks[0]
+    assert "take more taps" in found.remarks[0]
 
 
 def test_too_few_taps_are_said_and_enough_taps_are_not():
@@ -195,6 +196,13 @@ def test_too_few_taps_are_said_and_enough_taps_are_not():
     assert few.noise_ratio > 1.1
 
 
+def test_a_small_lack_of_fit_is_said_where_it_is_beyond_doubt():
+    assert remark(1.05, 1e-4, 100) is None
+    assert "standard errors do not count" in remark(1.05, 1e-8, 100)
+    assert "standard errors" not in remark(1.5, 1e-4, 100)
+    assert remark(1.5, 0.01, 100) is None
+
+
 def test_lack_of_fit_has_its_level_and_is_silent_on_short_records():
     rng = np.random.default_rng(14)
     u = rng.standard_normal(400)
@@ -206,4 +214,4 @@ def test_lack_of_fit_has_its_level_and_is_silent_on_short_records():
         rejected += p < 0.05
     assert 5 < rejected < 28  # 15 expected
     short = reduce_record(u[:60], u[:60] + rng.standard_normal(60), 60)
-    assert np.isnan(lack_of_fit(short, 1.0, 6)).all()
+    assert np.isnan(lack_of_fit(short, 1.0, 30)).all()

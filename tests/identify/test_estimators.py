@@ -213,3 +213,13 @@ def test_kernel_without_learning_is_used_as_given():
     assert model.evidence_.n_evaluations == 1
     assert model.noise_variance_ == 0.09
     assert model.kernel_.names == ()
+
+
+def test_taps_that_the_data_cannot_see_keep_the_spread_of_the_prior():
+    """Their prior variance lies below what the kernel's factor keeps: without it they had none."""
+    y, r, _ = record(tail=0)
+    kernel = TC(scale=0.5, decay_causal=0.2, decay_anticausal=0.2)
+    found = KernelInverse(kernel, 0, 60, learn=False).fit(y, r).inverse_
+    prior = np.sqrt(np.diag(kernel.matrix(found.lags)))
+    np.testing.assert_allclose(found.standard_deviation[30:], prior[30:], rtol=1e-6)
+    assert found.covariance[40, 40] == pytest.approx(prior[40] ** 2)

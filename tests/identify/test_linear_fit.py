@@ -155,6 +155,39 @@ def test_feedthrough():
     assert np.median(relative_error(model, plant)) < 0.01
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_order_and_feedthrough_are_chosen_together(noise):
+    """Without feedthrough no order explains this plant, and the smallest is as good as any."""
+    plant = Zpk([1.25, 0.4], [0.7, 0.5], 0.8, T)
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal(2000)
+    y = plant.state_space().filter(u)
+    signals = Signals(u, y + noise * rng.standard_normal(u.size), T)
+    model = best_linear(signals, (1, 2, 3), feedthrough=None)
+    assert (model.structure.order, model.structure.feedthrough) == (2, True)
+    assert relative_error(model, plant).max() < max(2 * noise, 1e-10)
+    assert model.remarks == ()
+    shown = {(r.structure.order, r.structure.feedthrough) for r in model.ladder}
+    assert shown >= {(order, direct) for order in (1, 2, 3) for direct in (False, True)}
+
+
+def test_a_residual_that_still_answers_to_the_input_is_said():
+    signals = open_loop(FOURTH, 800, np.random.default_rng(2), 0.02)
+    (said,) = fit_linear(signals, 2).remarks
+    assert "far from white" in said
+    assert "answers to the input" in said
+    assert fit_linear(signals, 4).remarks == ()
+
+
+def test_coloured_noise_is_said_to_be_no_more_than_that():
+    rng = np.random.default_rng(3)
+    signals = open_loop(PLANT, 1500, rng)
+    coloured = np.convolve(rng.standard_normal(1510), np.ones(10), "full")[9:1509]
+    y = signals.y + 0.02 * np.std(signals.y) * coloured
+    (said,) = fit_linear(Signals(signals.u, y, T), 2).remarks
+    assert "the noise is coloured" in said
+
+
 def test_several_recordings_not_at_rest_with_an_offset():
     rng = np.random.default_rng(6)
     whole = open_loop(PLANT, 1500, rng, 0.02)

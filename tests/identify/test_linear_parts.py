@@ -9,7 +9,14 @@ from matplotlib.figure import Figure
 
 from ffl.errors import InputError
 from ffl.identify.linear import Signals, best_linear, fit_linear
-from ffl.identify.linear.coordinates import Point, Structure, balance, move, tangent
+from ffl.identify.linear.coordinates import (
+    Point,
+    Structure,
+    balance,
+    gramian_factor,
+    move,
+    tangent,
+)
 from ffl.identify.linear.ladder import Candidate, choose
 from ffl.identify.linear.noise import burg, whiteness
 from ffl.identify.linear.predictors import Innovation, Simulation
@@ -55,6 +62,19 @@ STRUCTURES = [
         ("open_loop", "innovation", "in_loop"), (0, 1), (0, 2), ("none", "output", "input")
     )
 ]
+
+
+def test_the_gramian_of_close_poles_with_large_couplings_stays_finite():
+    """What `stabilise` left of a start for a drive in its loop: powers of the dense matrix overflow."""
+    t = np.diag([0.78, 0.99494, 0.99503, 0.99503])
+    t[0, 1:], t[1, 2:], t[2, 3] = (119.0, 72.0, 335.0), (0.42, 1.8), 0.52
+    b = np.array([[0.3], [-1.0], [2.0], [0.5]])
+    expected, response = np.zeros((4, 4)), b
+    for _ in range(10_000):
+        expected, response = expected + response @ response.T, t @ response
+    q, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))
+    found = q.T @ gramian_factor(q @ t @ q.T, q @ b)
+    assert np.abs(found @ found.T - expected).max() < 1e-4 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(("kind", "s"), STRUCTURES)
@@ -254,6 +274,7 @@ def with_nan(x):
             "neither r nor f",
         ),
         (lambda: best_linear(Signals(**good()), ()), "orders is empty"),
+        (lambda: best_linear(Signals(**good()), (-2, 3)), "order -2 is not 1 or more"),
         (lambda: as_signals([np.zeros(3)]), "give a Recording, or Signals"),
     ],
 )

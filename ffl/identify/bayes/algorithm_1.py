@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ffl.errors import InputError
-from ffl.identify.bayes.circle import circle_jacobian, circle_response, inside_count
+from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.maximum_likelihood import MaximumLikelihood, maximum_likelihood
 from ffl.identify.bayes.metropolis import metropolis
 from ffl.identify.bayes.records import Record
@@ -64,7 +64,7 @@ def map_estimate(
     def residual(t, xi):
         return np.concatenate([(record.target - record.factor @ xi) / noise, -white @ t])
 
-    xi, slope = circle_jacobian(theta, n_ac, record.length)
+    xi, slope = record.jacobian(theta, n_ac)
     error, damping = residual(theta, xi), 0.0
     for _ in range(max_steps):
         stacked = np.vstack([record.factor @ slope / noise, white])
@@ -73,7 +73,7 @@ def map_estimate(
             rows = np.vstack([stacked, np.sqrt(damping) * np.diag(size)])
             step = np.linalg.lstsq(rows, np.concatenate([error, np.zeros(n)]), rcond=None)[0]
             trial = theta + step
-            trial_error = residual(trial, circle_response(trial, n_ac, record.length))
+            trial_error = residual(trial, record.response(trial, n_ac))
             gain = error @ error - trial_error @ trial_error
             if gain > 0 and inside_count(trial, n_ac) == inside:
                 break
@@ -82,7 +82,7 @@ def map_estimate(
             break
         theta, error = trial, trial_error
         damping = damping / 10 if damping > 1e-5 else 0.0
-        xi, slope = circle_jacobian(theta, n_ac, record.length)
+        xi, slope = record.jacobian(theta, n_ac)
         if gain < 1e-8:
             break
     triangle = np.linalg.qr(np.vstack([record.factor @ slope / noise, white]), mode="r")
@@ -152,7 +152,7 @@ def algorithm_1(
     start = likelihood or maximum_likelihood(record, n_ac, n_c)
     theta = start.theta
     variance = start.misfit / max(record.n_samples - n, 1)
-    _, slope = circle_jacobian(theta, n_ac, record.length)
+    _, slope = record.jacobian(theta, n_ac)
     half = np.linalg.inv(np.linalg.qr(record.factor @ slope / np.sqrt(variance), mode="r"))
     moment = np.outer(theta, theta) + half @ half.T
     grid = [np.array([c, a]) for c in (0.1, 0.3, 0.5, 0.7, 0.9) for a in (0.15, 0.35, 0.6, 0.8)]

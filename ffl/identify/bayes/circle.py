@@ -2,6 +2,8 @@
 
     xi = F^-1{1 / theta(e^jw)},     d xi(t) / d theta(tau) = -[xi * xi](t - tau),
 
+both for t on either side of 0: the bounded inverse of theta need not be causal.
+
 O(L log L) for a grid of L points; aliasing is r^L, r the root nearest to the circle. This is what
 Gauss-Newton uses; the number of roots inside comes from the winding number, without roots.
 """
@@ -20,19 +22,24 @@ def _on_circle(theta: np.ndarray, n_ac: int, grid: int) -> np.ndarray:
     return np.fft.rfft(wrapped)
 
 
-def circle_response(theta: np.ndarray, n_ac: int, length: int, grid: int = 0) -> np.ndarray:
-    """xi(0..length-1) by inverse FFT of 1/theta on the unit circle."""
-    grid = grid or grid_size(len(theta), length)
-    return np.fft.irfft(1 / _on_circle(theta, n_ac, grid), grid)[:length]
+def circle_response(
+    theta: np.ndarray, n_ac: int, length: int, grid: int = 0, before: int = 0
+) -> np.ndarray:
+    """xi(-before..length-1) by inverse FFT of 1/theta on the unit circle."""
+    grid = grid or grid_size(len(theta), length + before)
+    return np.fft.irfft(1 / _on_circle(theta, n_ac, grid), grid)[np.arange(-before, length)]
 
 
-def circle_jacobian(theta: np.ndarray, n_ac: int, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """xi, shape (length,), and d xi / d theta, shape (length, n_taps)."""
-    grid = grid_size(len(theta), length)
+def circle_jacobian(
+    theta: np.ndarray, n_ac: int, length: int, before: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """xi(-before..length-1), and d xi / d theta, shape (before + length, n_taps)."""
+    grid = grid_size(len(theta), length + before)
     response = 1 / _on_circle(theta, n_ac, grid)
     square = np.fft.irfft(response**2, grid)
-    lags = np.arange(length)[:, None] - np.arange(-n_ac, len(theta) - n_ac)
-    return np.fft.irfft(response, grid)[:length], -square[lags]
+    t = np.arange(-before, length)
+    lags = t[:, None] - np.arange(-n_ac, len(theta) - n_ac)
+    return np.fft.irfft(response, grid)[t], -square[lags]
 
 
 def inside_count(theta: np.ndarray, n_ac: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from ffl.identify.bayes.algorithm_1 import Algorithm1Fit, algorithm_1
 from ffl.identify.bayes.posterior import Posterior, direct_posterior
 from ffl.identify.bayes.protocol import shifted
 from ffl.identify.bayes.records import Record, check_arrays, reduce_record
-from ffl.identify.estimator import Estimator
+from ffl.identify.estimator import Estimator, command
 
 
 class _DirectInverse(Estimator):
@@ -22,18 +22,20 @@ class _DirectInverse(Estimator):
     n_c: int
     forward_length: int
     at_rest: bool
+    both_sides: ClassVar[bool]  # whether xi(t < 0) predicts y like the rest, see `Record`
 
     def _record(self, u: ArrayLike | Any, y: ArrayLike | None) -> Record:
         if y is None:
             if not (hasattr(u, "u") and hasattr(u, "y")):
                 raise InputError("fit: give a recording with u and y, or two arrays (u, y)")
-            u, y = u.u, u.y
+            u, y = command(u), u.y
         if self.n_ac < 0 or self.n_c < 1:
             raise InputError(
                 f"n_ac = {self.n_ac}, n_c = {self.n_c}: n_ac must be 0 or more, n_c 1 or more"
             )
         u, y = check_arrays(u, y, self.n_ac + self.n_c)
-        return reduce_record(u, y, min(self.forward_length, len(y)), self.at_rest)
+        length, before = min(self.forward_length, len(y)), self.n_ac if self.both_sides else 0
+        return reduce_record(u, y, length, self.at_rest, before)
 
     @property
     def taps_(self) -> np.ndarray:
@@ -72,8 +74,9 @@ class _DirectInverse(Estimator):
 class DirectBayesianInverse(_DirectInverse):
     """Posterior mean of a non-causal FIR inverse straight from noisy output data.
 
-    y = sum_t xi(theta, t) u(. - t) + v, v white and normal, xi the bounded inverse of theta (8), prior
-    (9) with the hyperparameters and the noise variance integrated out (`prior`, `posterior`).
+    y = sum_t xi(theta, t) u(. - t) + v, v white and normal, xi the bounded inverse of theta (8), with
+    its part at t < 0, which (8) leaves out and the data rule out (`records.Record`); prior (9) with the
+    hyperparameters and the noise variance integrated out (`prior`, `posterior`).
 
     Parameters: `n_ac`, `n_c` non-causal and causal taps; `n_draws` of importance sampling;
     `n_decays` points of the grid of decays; `peak_reach` how far from the largest tap the kernel's
@@ -92,6 +95,8 @@ class DirectBayesianInverse(_DirectInverse):
     >>> inverse.fit(data.u[:60], data.y, rng=np.random.default_rng(1)).theta_.shape
     (6,)
     """
+
+    both_sides = True
 
     def __init__(
         self,
@@ -132,8 +137,11 @@ class DirectBayesianInverse(_DirectInverse):
 class Algorithm1Inverse(_DirectInverse):
     """Algorithm 1 of the 2025 paper (EM with Metropolis-Hastings); see `algorithm_1`.
 
-    `as_printed` drops the 1/2 before log det in (16), as the paper prints it.
+    `as_printed` drops the 1/2 before log det in (16), as the paper prints it. The likelihood is (6) to
+    (8): of the paper's system, whose zeros outside are far out, that asks for the same inverse.
     """
+
+    both_sides = False
 
     def __init__(
         self,

@@ -82,6 +82,7 @@ def importance_sample(
         record.factor,
         record.target,
         record.floor,
+        record.before,
     )
     log = log_posterior(misfits, thetas, record.n_samples, prior) - proposal
     log[counts != inside] = -np.inf

@@ -10,26 +10,36 @@ from scipy.stats import f as fisher
 
 from ffl.identify.bayes.records import Record
 
+DOUBT, BEYOND_DOUBT = 1e-3, 1e-5  # p-values
+
 
 def lack_of_fit(record: Record, misfit: float, n_taps: int) -> tuple[float, float]:
     """Ratio of noise variances (taps over free forward FIR model), and the p-value of its F test.
 
-    nan, nan where the record has fewer than two samples per forward coefficient: nothing to compare.
+    The free model has as many coefficients as the record, but no more than half its samples: a
+    forward response cut short leaves more, so that the ratio errs to the small side. nan, nan where
+    that leaves no more than the taps: nothing to compare.
     """
-    free = record.n_samples - record.length
-    if free < record.length or record.floor <= 0:
+    n_free = min(len(record.target), record.n_samples // 2)
+    floor = record.floor + float(np.sum(record.target[n_free:] ** 2))
+    if n_free <= n_taps or floor <= 0:
         return float("nan"), float("nan")
-    ratio = (misfit / (record.n_samples - n_taps)) / (record.floor / free)
-    extra = (misfit - record.floor) / (record.length - n_taps)
-    p = fisher.sf(max(extra, 0.0) / (record.floor / free), record.length - n_taps, free)
+    free = record.n_samples - n_free
+    ratio = (misfit / (record.n_samples - n_taps)) / (floor / free)
+    extra = (misfit - floor) / (n_free - n_taps)
+    p = fisher.sf(max(extra, 0.0) / (floor / free), n_free - n_taps, free)
     return float(ratio), float(p)
 
 
 def remark(ratio: float, p: float, n_taps: int) -> str | None:
-    """One sentence where the taps leave clearly more than noise: significant, and above a tenth."""
-    if np.isnan(p) or p > 1e-3 or ratio < 1.1:
+    """One sentence where the taps leave more than noise: a tenth more, or beyond doubt.
+
+    Less than a tenth spoils nothing but the standard errors, which know noise alone: taps cut at 9 % of
+    the largest (a zero at 1.05, 50 + 50 taps) left 1.05 times the noise, with errors of 7 deviations.
+    """
+    if np.isnan(p) or p > (DOUBT if ratio >= 1.1 else BEYOND_DOUBT):
         return None
-    return (
-        f"{n_taps} taps leave {ratio:.3g} times the noise of a free forward model (p = {p:.1g}): take "
-        "more taps, or a rational basis where the system has slow zeros"
-    )
+    said = f"{n_taps} taps leave {ratio:.3g} times the noise of a free forward model (p = {p:.1g})"
+    if ratio < 1.1:
+        said += ", which the standard errors do not count"
+    return f"{said}: take more taps, or a rational basis where the system has slow zeros"

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffl.identify.bayes.circle import circle_jacobian, circle_response, inside_count
+from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.prior import Prior
 from ffl.identify.bayes.records import Record
 
@@ -37,12 +37,12 @@ def posterior_mode(
     stacked least-squares problem.
     """
     inside = inside_count(theta, n_ac)
-    n, length = len(theta), record.length
+    n = len(theta)
 
     def cost(t, xi):
         return 0.5 * record.n_samples * np.log(record.misfit(xi)) - prior.log_density(t[None])[0]
 
-    xi, slope = circle_jacobian(theta, n_ac, length)
+    xi, slope = record.jacobian(theta, n_ac)
     value, damping = cost(theta, xi), 0.0
     for _ in range(max_steps):
         noise = np.sqrt(record.misfit(xi) / record.n_samples)
@@ -56,7 +56,7 @@ def posterior_mode(
             rows = np.vstack([stacked, np.sqrt(damping) * np.diag(scale)])
             step = np.linalg.lstsq(rows, np.concatenate([right, np.zeros(n)]), rcond=None)[0]
             trial = theta + step
-            trial_value = cost(trial, circle_response(trial, n_ac, length))
+            trial_value = cost(trial, record.response(trial, n_ac))
             if trial_value < value and inside_count(trial, n_ac) == inside:
                 break
             damping = max(10 * damping, 1e-3)
@@ -64,7 +64,7 @@ def posterior_mode(
             break
         gain = value - trial_value
         theta, value, damping = trial, trial_value, damping / 10 if damping > 1e-4 else 0.0
-        xi, slope = circle_jacobian(theta, n_ac, length)
+        xi, slope = record.jacobian(theta, n_ac)
         if gain < 1e-5:
             break
     return theta
@@ -79,7 +79,7 @@ def laplace_per_node(
     where theta solves the ridge problem with noise r/N and scale q/n, its width is that problem's.
     """
     n, samples = len(theta), record.n_samples
-    xi, slope = circle_jacobian(theta, n_ac, record.length)
+    xi, slope = record.jacobian(theta, n_ac)
     jacobian = record.factor @ slope
     triangle = np.linalg.qr(
         np.column_stack([jacobian, record.target - record.factor @ xi + jacobian @ theta]), mode="r"

@@ -14,8 +14,6 @@ from scipy.linalg import toeplitz
 
 from ffl.errors import InputError
 from ffl.identify.bayes.circle import (
-    circle_jacobian,
-    circle_response,
     inside_count,
     invert_response,
 )
@@ -68,7 +66,7 @@ def gauss_newton(
     """
     inside = inside_count(theta, n_ac)
     damping, steps = 1e-4, 0
-    xi, slope = circle_jacobian(theta, n_ac, record.length)
+    xi, slope = record.jacobian(theta, n_ac)
     cost = record.misfit(xi)
     for steps in range(1, max_steps + 1):  # noqa: B007
         residual = record.target - record.factor @ xi
@@ -76,7 +74,7 @@ def gauss_newton(
         while damping < 1e8:
             filtered = size / (size**2 + damping * size[0] ** 2 * 1e-2)
             trial = theta + right.T @ (filtered * (left.T @ residual))
-            trial_cost = record.misfit(circle_response(trial, n_ac, record.length))
+            trial_cost = record.misfit(record.response(trial, n_ac))
             if trial_cost < cost and inside_count(trial, n_ac) == inside:
                 break
             damping *= 10
@@ -84,7 +82,7 @@ def gauss_newton(
             break
         gain = cost - trial_cost
         theta, cost, damping = trial, trial_cost, max(damping / 10, 1e-14)
-        xi, slope = circle_jacobian(theta, n_ac, record.length)
+        xi, slope = record.jacobian(theta, n_ac)
         if gain < 1e-9 * cost:
             break
     return theta, cost, steps
@@ -120,10 +118,19 @@ def wrong_side(n_ac: int, n_c: int) -> InputError:
 
 
 def check_explained(record: Record, found: MaximumLikelihood, n_ac: int, n_c: int) -> None:
-    """Refuses an inverse that explains no more of y than chance, or all of it."""
+    """Refuses an inverse that explains no more of y than chance, or all of it.
+
+    Below six samples a tap chance explains half of y and more, and says nothing about the system.
+    """
     energy = float(np.sum(record.target**2) + record.floor)
     explained = 1 - found.misfit / energy
     chance = 3 * (n_ac + n_c) / record.n_samples  # pure noise: 1 on average, up to 2.5 seen
+    if explained < chance and chance > 0.5:
+        raise InputError(
+            f"{record.n_samples} samples are too few for {n_ac} non-causal and {n_c} causal taps: noise "
+            f"alone could be explained to {100 * min(chance, 1):.0f} %; take fewer taps, or record "
+            f"{6 * (n_ac + n_c)} samples or more"
+        )
     if explained < chance:
         raise InputError(
             f"the best inverse with {n_ac} non-causal and {n_c} causal taps explains "

@@ -7,7 +7,13 @@ from numba import njit
 
 from ffl.identify.bayes.diagnostics import effective_sample_size, split_rhat
 from ffl.identify.bayes.records import Record
-from ffl.identify.bayes.roots import all_roots, misfit, refine_roots, response_from_roots
+from ffl.identify.bayes.roots import (
+    all_roots,
+    forward_response,
+    misfit,
+    refine_roots,
+    response_from_roots,
+)
 
 _KEPT = 4000  # draws stored of each chain, evenly thinned; means run over every draw
 
@@ -63,7 +69,7 @@ def metropolis(
     for child in rng.spawn(n_chains):
         theta = np.array(start, float)
         if n_chains > 1:
-            theta = _dispersed(record, theta, root, n_ac, child)
+            theta = _dispersed(theta, root, n_ac, child)
         results.append(
             _walk(
                 theta,
@@ -73,6 +79,7 @@ def metropolis(
                 record.target,
                 record.floor,
                 record.n_samples,
+                record.before,
                 white,
                 log_weight,
                 noise_variance,
@@ -94,12 +101,11 @@ def metropolis(
     )
 
 
-def _dispersed(record, theta, root, n_ac, rng):
+def _dispersed(theta, root, n_ac, rng):
     """A start near `theta` with the same number of roots inside."""
-    xi = np.empty(record.length)
 
     def count(t):
-        return response_from_roots(t, refine_roots(t, all_roots(t)), len(t) - n_ac, xi)
+        return forward_response(t, n_ac, 1)[1]
 
     wanted = count(theta)
     for shrink in 0.7 ** np.arange(20):
@@ -140,6 +146,7 @@ def _walk(
     target,
     floor,
     samples,
+    before,
     white,
     log_weight,
     noise_variance,
@@ -153,7 +160,7 @@ def _walk(
     n = len(theta)
     xi = np.empty(len(target))
     z = refine_roots(theta, z.copy())
-    inside = response_from_roots(theta, z, n_c, xi)
+    inside = response_from_roots(theta, z, n_c, xi, before)
     value = misfit(factor, target, floor, xi)
     log = _log_target(theta, value, samples, white, log_weight, noise_variance)
     kept = np.empty(((n_draws - burn_in) // thin, n))
@@ -172,7 +179,7 @@ def _walk(
         z_trial = refine_roots(trial, z.copy())
         probability = 0.0
         trial_value, trial_log = 0.0, 0.0
-        if response_from_roots(trial, z_trial, n_c, xi) == inside:
+        if response_from_roots(trial, z_trial, n_c, xi, before) == inside:
             trial_value = misfit(factor, target, floor, xi)
             trial_log = _log_target(trial, trial_value, samples, white, log_weight, noise_variance)
             if trial_log == trial_log:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ffl.errors import InputError
-from ffl.identify.bayes.circle import circle_response, inside_count
+from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.importance import WeightedDraws, importance_sample
 from ffl.identify.bayes.lack_of_fit import lack_of_fit, remark
 from ffl.identify.bayes.laplace import Laplace, laplace_per_node, posterior_mode
@@ -23,7 +23,7 @@ from ffl.identify.bayes.maximum_likelihood import (
     wrong_side,
 )
 from ffl.identify.bayes.metropolis import Chains, metropolis
-from ffl.identify.bayes.prior import Node, Prior, grid_prior, peaks_around
+from ffl.identify.bayes.prior import LARGEST_DECAY, Node, Prior, grid_prior, peaks_around
 from ffl.identify.bayes.records import Record
 
 SAMPLING_LIMIT = 12  # taps: beyond, importance weights degenerate and the mode stands alone
@@ -73,7 +73,9 @@ class Posterior:
         found = [remark(self.noise_ratio, self.lack_of_fit, len(self.theta))]
         if self.status == "unconverged" and self.chains is not None:
             found.append(
-                f"the chains disagree (split R-hat {self.chains.rhat.max():.2f}): no answer yet"
+                f"unconverged: the chains disagree (split R-hat {self.chains.rhat.max():.2f}, 1 where "
+                "they agree), so this is no answer yet; take more taps (too few are the usual reason), "
+                "or record longer or with more power"
             )
         return tuple(sentence for sentence in found if sentence)
 
@@ -100,7 +102,7 @@ def direct_posterior(
     else:
         start = likelihood or maximum_likelihood(record, n_ac, n_c)
         found = _sampled(record, start, n_ac, rng, n_draws, n_decays, peak_reach, least_ess)
-    misfit = record.misfit(circle_response(found.mode, n_ac, record.length))
+    misfit = record.misfit(record.response(found.mode, n_ac))
     ratio, p = lack_of_fit(record, misfit, n_ac + n_c)
     return replace(found, noise_ratio=ratio, lack_of_fit=p)
 
@@ -193,14 +195,18 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
 
     Maximum likelihood is no start here: with 75 taps on a resonant system it went to a fit of -700
     while every first guess was above 85. The mode is sought from each guess, the highest stands.
+    Decays reach as far as the taps do: with a zero at 1.08 and 80 + 20 taps a grid that ended at 0.9
+    left 66 to 84 % of the taps within two standard errors, instead of 93 to 100 %.
     """
     best = None
+    slowest = max(LARGEST_DECAY, 1 - 1 / (n_ac + n_c))
     for name, guess in starts(record, n_ac, n_c).items():
         if (inside := inside_count(guess, n_ac)) < n_c - 1:
             continue
-        prior = grid_prior(n_ac, n_c, peaks_around(guess, n_ac, peak_reach), n_decays)
+        peaks = peaks_around(guess, n_ac, peak_reach)
+        prior = grid_prior(n_ac, n_c, peaks, n_decays, slowest)
         mode = posterior_mode(record, prior, guess, n_ac, max_steps=100)
-        misfit = record.misfit(circle_response(mode, n_ac, record.length))
+        misfit = record.misfit(record.response(mode, n_ac))
         value = -0.5 * record.n_samples * np.log(misfit) + prior.log_density(mode[None])[0]
         if best is None or value > best[0]:
             best = value, prior, mode, MaximumLikelihood(mode, misfit, inside, name, 0)

@@ -62,10 +62,16 @@ class Prior:
         return share / share.sum(), quadratic
 
 
-def grid_prior(n_ac: int, n_c: int, peaks: tuple[int, ...], n_decays: int = 12) -> Prior:
-    """All combinations of peak and decays, 0.02 to 0.9, on the taps -n_ac..n_c-1."""
+def grid_prior(
+    n_ac: int,
+    n_c: int,
+    peaks: tuple[int, ...],
+    n_decays: int = 12,
+    largest_decay: float = LARGEST_DECAY,
+) -> Prior:
+    """All combinations of peak and decays, 0.02 to `largest_decay`, on the taps -n_ac..n_c-1."""
     taps = np.arange(-n_ac, n_c)
-    decays = np.geomspace(LEAST_DECAY, LARGEST_DECAY, 2 * n_decays)
+    decays = np.geomspace(LEAST_DECAY, largest_decay, 2 * n_decays)
     nodes = tuple(
         Node(p, float(c), float(a)) for p in peaks for c in decays[0::2] for a in decays[1::2]
     )

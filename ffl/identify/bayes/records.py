@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffl.errors import InputError
+from ffl.identify.bayes.circle import circle_jacobian, circle_response
 
 _BLOCK = 2048
 
@@ -13,8 +14,16 @@ _BLOCK = 2048
 class Record:
     """||y - U xi||^2 = ||target - factor xi||^2 + floor for every forward response xi.
 
-    U, shape (n_samples, length), holds u(t - tau); factor is its triangular QR factor. The data
-    enter every likelihood through this alone: O(N length^2) once, O(length^2) afterwards.
+    U, shape (n_samples, before + length), holds u(t - tau), tau = -before..length-1; factor is its
+    triangular QR factor. The data enter every likelihood through this alone: O(N length^2) once,
+    O(length^2) afterwards.
+
+    With `before` = 0 this is (6) to (8) of the 2025 paper, which look at xi(t) for t >= 0 alone. The
+    bounded inverse of theta has a part at t < 0 as well, which a causal machine has not, and which (8)
+    leaves free: on 0.8 (z - 1.25)(z - 0.4) / ((z - 0.7)(z - 0.5)) with 20 + 20 taps its answer had
+    xi(-1) = -0.5 beside xi(0) = 0.8, and 60 % error of 1/xi, at the right noise variance. With
+    `before` = n_ac that part predicts y like the rest, and the data say that it is not there. More is
+    not needed: at t < 0 xi obeys a recurrence over the roots outside the circle, n_ac at most.
     """
 
     u: np.ndarray
@@ -23,10 +32,20 @@ class Record:
     target: np.ndarray
     floor: float
     n_samples: int
+    before: int = 0
 
     @property
     def length(self) -> int:
-        return len(self.target)
+        """Samples of xi from t = 0 on."""
+        return len(self.target) - self.before
+
+    def response(self, theta: np.ndarray, n_ac: int) -> np.ndarray:
+        """xi(-before..length-1) of the taps -n_ac.. of the inverse."""
+        return circle_response(theta, n_ac, self.length, before=self.before)
+
+    def jacobian(self, theta: np.ndarray, n_ac: int) -> tuple[np.ndarray, np.ndarray]:
+        """`response`, and its derivative, shape (before + length, n_taps)."""
+        return circle_jacobian(theta, n_ac, self.length, self.before)
 
     def misfit(self, xi: np.ndarray) -> float:
         return float(np.sum((self.target - self.factor @ xi) ** 2) + self.floor)
@@ -58,26 +77,30 @@ def check_arrays(u: np.ndarray, y: np.ndarray, n_parameters: int) -> tuple[np.nd
     return u, y
 
 
-def reduce_record(u: np.ndarray, y: np.ndarray, length: int, at_rest: bool = True) -> Record:
+def reduce_record(
+    u: np.ndarray, y: np.ndarray, length: int, at_rest: bool = True, before: int = 0
+) -> Record:
     """QR of the convolution matrix in blocks of rows: memory O(length^2), never N x N.
 
     `at_rest`: u was zero and the system at rest before the first sample, every row counts. If not,
-    the first `length` rows, which the unknown past reaches, are dropped.
+    the first `length` rows, which the unknown past reaches, are dropped. After the record u is taken
+    as zero, which concerns the last `before` rows and what should not be there.
     """
-    first = 0 if at_rest else length - 1
-    padded = np.concatenate([np.zeros(length - 1), u])
-    rows = np.lib.stride_tricks.sliding_window_view(padded, length)[first:, ::-1]
+    first, width = (0 if at_rest else length - 1), before + length
+    padded = np.concatenate([np.zeros(length - 1), u, np.zeros(before)])
+    rows = np.lib.stride_tricks.sliding_window_view(padded, width)[first:, ::-1]
     y_used = y[first:]
     if len(y_used) <= length and not at_rest:
         raise InputError(
             f"{len(u)} samples with an unknown start leave {len(y_used)} rows for a forward "
             f"response of {length} samples: record more, or start at rest"
         )
-    scratch = np.zeros((0, length + 1))
+    scratch = np.zeros((0, width + 1))
     for begin in range(0, len(y_used), _BLOCK):
         block = np.column_stack([rows[begin : begin + _BLOCK], y_used[begin : begin + _BLOCK]])
         scratch = np.linalg.qr(np.vstack([scratch, block]), mode="r")
-    top = np.zeros((length + 1, length + 1))
+    top = np.zeros((width + 1, width + 1))
     top[: len(scratch)] = scratch
-    factor = np.ascontiguousarray(top[:length, :length])
-    return Record(u, y, factor, top[:length, -1].copy(), float(top[length, -1] ** 2), len(y_used))
+    factor = np.ascontiguousarray(top[:width, :width])
+    floor = float(top[width, -1] ** 2)
+    return Record(u, y, factor, top[:width, -1].copy(), floor, len(y_used), before)

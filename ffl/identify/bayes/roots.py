@@ -4,7 +4,9 @@ theta(z) = sum_{tau=-n_ac}^{n_c-1} theta(tau) z^-tau = z^-(n_c-1) Q(z), Q of deg
 theta, as stored, for its coefficients from the highest power down. In the annulus that contains
 |z| = 1 (Theorem 1), for t >= 0,
 
-    xi(t) = sum over roots |p| < 1 of  p^(t + n_c - 2) / Q'(p)   (+ 1/Q(0) at t = 0 where n_c = 1).
+    xi(t) = sum over roots |p| < 1 of  p^(t + n_c - 2) / Q'(p)   (+ 1/Q(0) at t = 0 where n_c = 1),
+
+and for t < 0 minus the same sum over the roots |p| > 1.
 
 Expanding in |z| > max |p| instead diverges: cutting the inverse to a few taps leaves parasitic
 roots far outside. The roots follow theta by Aberth's simultaneous iteration from those of a
@@ -72,30 +74,37 @@ def refine_roots(c, z):
 
 
 @njit(cache=True)
-def response_from_roots(theta, z, n_c, xi):
-    """Fills `xi` with the forward response for t = 0..len(xi)-1; returns how many roots lie inside."""
+def response_from_roots(theta, z, n_c, xi, before=0):
+    """Fills `xi` with xi(t), t = -before..len(xi)-before-1; returns how many roots lie inside."""
     n = len(theta) - 1
     xi[:] = 0.0
     if n_c == 1:
-        xi[0] = 1.0 / theta[n]
+        xi[before] = 1.0 / theta[n]
     inside = 0
     for k in range(n):
         p = z[k]
         if abs(p) < 1.0:
             inside += 1
-            q, dq = theta[0] + 0j, 0j
-            for i in range(1, n + 1):
-                dq = dq * p + q
-                q = q * p + theta[i]
-            g = p ** (n_c - 2) / dq
+        elif before == 0:
+            continue
+        q, dq = theta[0] + 0j, 0j
+        for i in range(1, n + 1):
+            dq = dq * p + q
+            q = q * p + theta[i]
+        g = p ** (n_c - 2) / dq
+        if abs(p) < 1.0:
             # a conjugate pair shares its work where the roots come out exactly conjugate; they
             # seldom do to the last bit, so each root simply adds its real part
             gr, gi, pr, pi = g.real, g.imag, p.real, p.imag
-            for t in range(len(xi)):
+            for t in range(before, len(xi)):
                 xi[t] += gr
                 gr, gi = gr * pr - gi * pi, gr * pi + gi * pr
                 if abs(gr) + abs(gi) < 1e-18:
                     break
+        else:
+            for t in range(before - 1, -1, -1):
+                g /= p
+                xi[t] -= g.real
     return inside
 
 
@@ -113,26 +122,28 @@ def misfit(factor, target, floor, xi):
 
 
 @njit(cache=True)
-def misfit_of_many(thetas, start, n_c, factor, target, floor):
+def misfit_of_many(thetas, start, n_c, factor, target, floor, before=0):
     """Misfit and root count of every row of `thetas`, each from the same `start` roots."""
     n = len(thetas)
     values, counts = np.empty(n), np.empty(n, np.int64)
     xi = np.empty(len(target))
     for m in range(n):
         z = refine_roots(thetas[m], start.copy())
-        counts[m] = response_from_roots(thetas[m], z, n_c, xi)
+        counts[m] = response_from_roots(thetas[m], z, n_c, xi, before)
         values[m] = misfit(factor, target, floor, xi)
     return values, counts
 
 
-def forward_response(theta: np.ndarray, n_ac: int, length: int) -> tuple[np.ndarray, int]:
-    """xi(0..length-1) of the FIR inverse `theta` (taps -n_ac..) and the number of roots inside.
+def forward_response(
+    theta: np.ndarray, n_ac: int, length: int, before: int = 0
+) -> tuple[np.ndarray, int]:
+    """xi(-before..length-1) of the FIR inverse `theta` (taps -n_ac..) and the number of roots inside.
 
     >>> xi, inside = forward_response(np.array([0.0, 1.0, -0.5]), 1, 4)   # 1 - 0.5 z^-1, causal
     >>> np.round(xi, 12).tolist(), inside
     ([1.0, 0.5, 0.25, 0.125], 1)
     """
     theta = np.asarray(theta, float)
-    xi = np.empty(length)
+    xi = np.empty(before + length)
     z = refine_roots(theta, all_roots(theta))
-    return xi, int(response_from_roots(theta, z, len(theta) - n_ac, xi))
+    return xi, int(response_from_roots(theta, z, len(theta) - n_ac, xi, before))

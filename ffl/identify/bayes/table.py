@@ -133,7 +133,7 @@ def _measure(seed: int, draws: int) -> _OneSeed:
         "oracle": oracle(u, data.x, N_AC, N_C, np.random.default_rng(for_oracle)).theta,
     }
     begin = time.process_time()
-    record = reduce_record(u, y, len(y))
+    record = reduce_record(u, y, len(y))  # (8): of 40 data sets 91.07 %, with both sides 91.14 %
     start = maximum_likelihood(record, N_AC, N_C)
     best = direct_posterior(record, N_AC, N_C, np.random.default_rng(for_best), likelihood=start)
     seconds = time.process_time() - begin

@@ -79,7 +79,9 @@ class Sum(Kernel):
     def factor(self, lags: Array) -> Factor:
         parts = [term.factor(lags) for term in self.terms]
         return Factor(
-            np.hstack([part.columns for part in parts]), np.concatenate([p.flat for p in parts])
+            np.hstack([part.columns for part in parts]),
+            np.concatenate([part.flat for part in parts]),
+            np.sum([part.dropped for part in parts], axis=0),
         )
 
     def tangents(self, lags: Array, coefficients: Array) -> Array:

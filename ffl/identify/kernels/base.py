@@ -20,14 +20,19 @@ from ffl.errors import InputError
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-14
+ROUNDING = 1e-12  # of a lag's variance
 
 
 @dataclass(frozen=True)
 class Factor:
-    """D = columns columns^T on the lags; a column with `flat` True has infinite prior variance."""
+    """D = columns columns^T on the lags; a column with `flat` True has infinite prior variance.
+
+    `dropped`: variance of every lag that the columns leave out, where their number is cut.
+    """
 
     columns: Array
     flat: NDArray[np.bool_]
+    dropped: Array
 
 
 class Slope(Protocol):
@@ -92,7 +97,11 @@ class Kernel(ABC):
 
     def factor(self, lags: Array) -> Factor:
         """Low-rank factor by pivoted Cholesky, to 1e-14 of the largest variance. O(n p^2)."""
-        return Factor(*pivoted_factor(self.matrix(lags)))
+        matrix = self.matrix(lags)
+        columns, flat = pivoted_factor(matrix)
+        variance = np.diag(matrix)
+        left = variance - np.sum(columns**2, axis=1)
+        return Factor(columns, flat, np.where(left > ROUNDING * variance, left, 0.0))
 
     def __add__(self, other: Kernel) -> Kernel:
         from ffl.identify.kernels.algebra import Sum

@@ -63,7 +63,7 @@ class Direct(Kernel):
         finite = bool(np.isfinite(self.scale))
         columns = np.zeros((len(lags), len(inside)))
         columns[inside, np.arange(len(inside))] = np.sqrt(self.scale) if finite else 1.0
-        return Factor(columns, np.full(len(inside), not finite))
+        return Factor(columns, np.full(len(inside), not finite), np.zeros(len(lags)))
 
     def gradient(self, lags: Array, slope: Slope) -> Array:
         if not self.names:

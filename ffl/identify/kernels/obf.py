@@ -143,7 +143,8 @@ class OBF(Kernel):
 
     def factor(self, lags: Array) -> Factor:
         functions, _ = self.basis(lags)
-        return Factor(np.sqrt(self.scale) * functions, np.zeros(functions.shape[1], bool))
+        n_lags, p = functions.shape
+        return Factor(np.sqrt(self.scale) * functions, np.zeros(p, bool), np.zeros(n_lags))
 
     def matrix(self, lags: Array) -> Array:
         columns = self.factor(lags).columns

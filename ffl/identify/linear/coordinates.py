@@ -182,17 +182,20 @@ def gramian_factor(a: Array, b: Array) -> Array:
     """L (n, n) with L L' = sum_k A^k b b' A'^k, the solution of X = A X A' + b b'.
 
     Doubling (R. A. Smith, SIAM J. Appl. Math. 16 (1968) 198) on the factor itself, compressed by QR
-    each time: nothing is squared, and 2^k terms are summed in k steps.
+    each time: nothing is squared, and 2^k terms are summed in k steps. In Schur form, where powers
+    keep their zeros: of a dense A with close poles and large entries (norm 362, radius 0.995: what
+    is left of an unstable start) rounding alone drives A^(2^k) to infinity.
     """
     n = a.shape[0]
-    factor, power = _compressed(b, n), a
+    power, basis = scipy.linalg.schur(a, output="real")
+    factor = _compressed(basis.T @ b, n)
     for _ in range(40):
         more = power @ factor
         factor = _compressed(np.hstack([factor, more]), n)
         if np.abs(more).max(initial=0.0) <= 1e-14 * np.abs(factor).max(initial=0.0):
             break
         power = power @ power
-    return factor
+    return basis @ factor
 
 
 def _compressed(x: Array, n: int) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -142,9 +142,11 @@ def best_linear(
     fewest parameters whose held-out error is within one standard error (paired over blocks) and a
     tenth of the best, or within the fraction `tolerance` of it and a thousandth of the output's
     variance.
-    `feedthrough` None: none, unless the chosen order without a delay does better with it on held-out
-    data by more than three standard errors (a recorder that filters u and y alike, whose u is no
-    staircase, looks like that). `delays` None: none, and what `estimate_delay` finds; `integrators`
+    `feedthrough` None: none, unless in open loop and without delay the chosen order does better with it
+    on held-out data by more than three standard errors (a recorder that filters u and y alike, whose u
+    is no staircase, looks like that too); the order is then chosen anew among models with feedthrough,
+    for what u does at once hides the poles: of P = 0.8 (z - 1.25)(z - 0.4) / ((z - 0.7)(z - 0.5)) one is
+    left without it, whatever the noise. `delays` None: none, and what `estimate_delay` finds; `integrators`
     None: none in open loop, 0 and 1 under feedback. The rest as in `fit_linear`, all rungs in
     `ladder`.
     """
@@ -153,65 +155,110 @@ def best_linear(
     orders = sorted({int(order) for order in orders})
     if not orders or n_folds < 2:
         raise InputError("orders is empty or n_folds below 2; give orders such as 1 2 3, n_folds 5")
+    if orders[0] < 1:
+        raise InputError(f"order {orders[0]} is not 1 or more; give orders such as 1 2 3")
     if integrators is None:
         integrators = (0,) if kind == "output_error" else (0, 1)
     if delays is None:
         delays = sorted({0, estimate_delay(pieces, bool(feedthrough))})
     search = _search(pieces, kind, controller, noise, 15, max(orders), offset)
     search.tolerance = 1e-2  # a tenth of a standard error; the rung chosen is finished below
-    candidates: list[Candidate] = []
-    problems: list[tuple[Fitted, Problem]] = []
-    shortest = min(len(p) for p in pieces)
-    for delay in delays:
-        for count in integrators:
-            smaller: list[tuple[Structure, Point]] = []
-            for order in (o for o in orders if o >= max(count, 1)):
-                s = _structure(order, count, delay, bool(feedthrough), kind, offset)
-                if not candidates:
-                    _check_length(pieces, s)
-                if shortest // (n_folds + 1) < 3 * (order + 1) + delay:
-                    break  # the blocks are too short for more
-                more = [extended(point, s, small) for small, point in smaller[-2:]]
-                fitted, problem = search.fit(s, more)
-                if not np.isfinite(fitted.cost):
-                    continue
-                smaller.append((s, fitted.point))
-                candidates.append(held_out(fitted, problem, n_folds))
-                problems.append((fitted, problem))
-    if not candidates:
-        raise WorkError(
-            f"{pieces[0].source}: no order of {orders} gave an admissible model with method {kind}; "
-            "try method prediction_error or other orders"
+    kinds = [
+        _structure(max(count, 1), count, delay, bool(feedthrough), kind, offset)
+        for delay in delays
+        for count in integrators
+    ]
+    _check_length(pieces, replace(kinds[0], order=max(orders[0], kinds[0].order)))
+    tried = _climb(search, kinds, orders, n_folds)
+    if not tried:
+        raise WorkError(_none_admissible(pieces, orders, kind))
+    chosen = _settled(search, tried, tolerance, max_iterations)
+    if feedthrough is None and _sees_at_once(search, chosen, n_folds):
+        # what u does at once was in the way of the order too: climb again with it
+        direct = replace(chosen.problem.structure, order=1, delay=0, feedthrough=True)
+        beside = chosen.rungs
+        chosen = _settled(
+            search, _climb(search, [direct], orders, n_folds), tolerance, max_iterations
         )
+        chosen = replace(chosen, rungs=beside + chosen.rungs)
+    return _result(search, chosen.fitted, chosen.problem, pieces, chosen.rungs)
+
+
+def _none_admissible(pieces: Sequence[Signals], orders: Sequence[int], method: Method) -> str:
+    listed = ", ".join(str(order) for order in orders)
+    check = "check the controller, or " if method == "closed_loop" else ""
+    return (
+        f"{pieces[0].source}: none of the orders {listed} gave an admissible model with method "
+        f"{method}; {check}try other orders"
+    )
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A rung of the ladder with the search that gave it."""
+
+    candidate: Candidate
+    fitted: Fitted
+    problem: Problem
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """The rung chosen, its search carried to the end, and all rungs it was chosen from."""
+
+    candidate: Candidate
+    fitted: Fitted
+    problem: Problem
+    rungs: tuple[Rung, ...]
+
+
+def _climb(
+    search: Search, kinds: Sequence[Structure], orders: Sequence[int], n_folds: int
+) -> list[_Tried]:
+    """Every order of every kind (delay, integrators, feedthrough), from the smaller ones too."""
+    tried: list[_Tried] = []
+    shortest = min(len(p) for p in search.pieces)
+    for kind in kinds:
+        smaller: list[tuple[Structure, Point]] = []
+        for order in (o for o in orders if o >= max(kind.integrators, 1)):
+            s = replace(kind, order=order)
+            if shortest // (n_folds + 1) < 3 * (order + 1) + s.delay:
+                break  # the blocks are too short for more
+            more = [extended(point, s, small) for small, point in smaller[-2:]]
+            fitted, problem = search.fit(s, more)
+            if not np.isfinite(fitted.cost):
+                continue
+            smaller.append((s, fitted.point))
+            tried.append(_Tried(held_out(fitted, problem, n_folds), fitted, problem))
+    return tried
+
+
+def _settled(
+    search: Search, tried: Sequence[_Tried], tolerance: float, max_iterations: int
+) -> _Settled:
+    """The choice among the rungs, its search finished."""
+    candidates = [one.candidate for one in tried]
     while True:
         index, rungs = choose(candidates, tolerance)
-        fitted, problem = problems[index]
-        finished = minimise(problem, fitted.point, max_iterations)
+        problem = tried[index].problem
+        finished = minimise(problem, tried[index].fitted.point, max_iterations)
         finished = search.marked(finished, problem.structure)
         if finished.status != "boundary" or candidates[index].status == "boundary":
-            if feedthrough is None:
-                direct = _direct(search, finished, problem, candidates[index], n_folds)
-                finished, problem = direct or (finished, problem)
-            return _result(search, finished, problem, pieces, rungs)
+            return _Settled(candidates[index], finished, problem, rungs)
         # carried to its end the fit ran onto the stability limit: choose again without it
         candidates[index] = replace(candidates[index], status="boundary")
 
 
-def _direct(
-    search: Search, fitted: Fitted, problem: Problem, rung: Candidate, n_folds: int
-) -> tuple[Fitted, Problem] | None:
-    """The same structure with feedthrough where it predicts held-out data better, surely."""
-    s = problem.structure
+def _sees_at_once(search: Search, chosen: _Settled, n_folds: int) -> bool:
+    """Whether the structure chosen predicts held-out data better with feedthrough, surely."""
+    s = chosen.problem.structure
     if search.method != "output_error" or s.delay or s.integrators:
-        return None
-    s = replace(s, feedthrough=True)
-    found, wider = search.fit(s, [fitted.point])
+        return False
+    found, wider = search.fit(replace(s, feedthrough=True), [chosen.fitted.point])
     if not np.isfinite(found.cost) or found.status == "boundary":
-        return None
-    difference = held_out(found, wider, n_folds).errors - rung.errors
-    if float(np.mean(difference)) > -DIRECT * standard_error(difference):
-        return None
-    return minimise(wider, found.point, 50), wider
+        return False
+    difference = held_out(found, wider, n_folds).errors - chosen.candidate.errors
+    return float(np.mean(difference)) < -DIRECT * standard_error(difference)
 
 
 def _search(

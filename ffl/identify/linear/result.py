@@ -21,6 +21,9 @@ from ffl.identify.linear.signals import Scale, as_signals
 from ffl.systems import Controller, EffectSpec, Physics, Plant, StateSpace, Zpk, series
 from ffl.systems.state_space import Array, ComplexArray
 
+FAR = 1e-6  # p-value below which a test of the residual is worth a sentence
+EXACT = 1e-9  # NRMSE below which the residual is rounding
+
 
 @dataclass(frozen=True)
 class Rung:
@@ -88,6 +91,19 @@ class LinearModel:
     @property
     def sample_time(self) -> float:
         return self.state_space.sample_time
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the residual says against the model, in sentences; empty where it is white or nothing."""
+        if self.nrmse < EXACT or self.whiteness.p_value > FAR:
+            return ()
+        said = f"the residual is far from white (p = {self.whiteness.p_value:.1g}) "
+        if self.independence.p_value > FAR:
+            return (f"{said}but does not answer to the input: the noise is coloured",)
+        return (
+            f"{said}and answers to the input (p = {self.independence.p_value:.1g}): the model misses "
+            "something; try more orders, or ask `ffl diagnose` what it is",
+        )
 
     @cached_property
     def system(self) -> Zpk | StateSpace:
@@ -248,6 +264,7 @@ class LinearModel:
             "order": self.structure.order,
             "integrators": self.structure.integrators,
             "delay": self.structure.delay,
+            "feedthrough": self.structure.feedthrough,
             "nrmse": self.nrmse,
             "noise_std": self.noise_std,
             "offset": self.offset,
@@ -261,6 +278,7 @@ class LinearModel:
                     "order": r.structure.order,
                     "integrators": r.structure.integrators,
                     "delay": r.structure.delay,
+                    "feedthrough": r.structure.feedthrough,
                     "held_out": r.held_out,
                     "estimation": r.estimation,
                 }

@@ -1,0 +1,74 @@
+"""What `ffl identify` says with its answer: on stdout, in answer.json and on the page."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ffl.cli import execute
+from ffl.recordings import Recording, write_recording
+from ffl.report import identify as module
+
+
+def written(path, n_samples=400, **signals):
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal(n_samples)
+    y = lfilter([0.8, -1.32, 0.4], [1.0, -1.2, 0.35], u) + 0.05 * rng.standard_normal(n_samples)
+    write_recording(Recording.from_signals(1e-3, **{"u": u, "y": y, **signals}), path)
+    return str(path)
+
+
+def test_what_speaks_against_a_posterior_is_said_in_all_three_places(tmp_path, capfd):
+    data, out = written(tmp_path / "a.csv"), tmp_path / "found"
+    command = ["identify", "bayes", "--data", data, "--n-ac", "6", "--n-c", "3", "--out", str(out)]
+    assert execute(command) == 0
+    answer = json.loads((out / "answer.json").read_text())
+    (note,) = answer["notes"]
+    assert "9 taps leave" in note
+    assert answer["noise_ratio"] > 2
+    assert answer["effective_sample_size"] > 100
+    assert answer["lack_of_fit_p"] < 1e-3
+    assert f"note: {note}" in capfd.readouterr().out
+    assert note in (out / "report.html").read_text()
+
+
+def test_a_sound_answer_carries_no_note(tmp_path, capfd):
+    data = written(tmp_path / "a.csv", 1500)
+    command = ["identify", "bayes", "--data", data, "--n-ac", "30", "--n-c", "20", "--json"]
+    assert execute(command) == 0
+    assert json.loads(capfd.readouterr().out)["notes"] == []
+
+
+def test_a_search_that_did_not_end_is_said():
+    stopped = SimpleNamespace(evidence_=SimpleNamespace(status="stopped at the evaluation limit"))
+    assert "stopped at the evaluation limit" in module._unsettled(stopped)[0]
+    stopped.evidence_.status = "converged"
+    assert module._unsettled(stopped) == module._unsettled(SimpleNamespace()) == ()
+
+
+def test_a_residual_that_is_not_white_is_said_with_a_linear_model(tmp_path, capfd):
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(800)
+    y = lfilter([0.0, 0.1, 0.05], [1.0, -1.7, 0.85], u) + 0.01 * rng.standard_normal(800)
+    data = written(tmp_path / "a.csv", u=u, y=y, n_samples=800)
+    assert execute(["identify", "linear", "--data", data, "--order", "1"]) == 0
+    assert "answers to the input" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("method", ["least_squares", "kernel", "rational", "bayes"])
+def test_a_command_that_is_not_recorded_is_named(method, tmp_path, capfd):
+    r = np.random.default_rng(0).standard_normal(400)
+    data = written(tmp_path / "nou.csv", u=None, r=r)
+    assert execute(["identify", method, "--data", data]) == 2
+    error = capfd.readouterr().err
+    assert "nou.csv: the command u is not recorded" in error
+    assert "mapping" in error
+
+
+@pytest.mark.parametrize("order", ["0", "-2"])
+def test_an_order_below_one_is_bad_input(order, tmp_path, capfd):
+    data = written(tmp_path / "a.csv")
+    assert execute(["identify", "linear", "--data", data, "--order", order]) == 2
+    assert f"order {order} is not 1 or more" in capfd.readouterr().err
