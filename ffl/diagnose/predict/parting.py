@@ -28,6 +28,7 @@ from ffl.diagnose.result import Diagnosis
 
 CLEAR = 60.0  # log-likelihood, fitted and held out, by which the observer must know better
 UNSETTLED = frozenset({"partly_explained", "inconclusive"})
+ASTRAY = 10.0  # times what noise alone leaves: a map that leaves more has not settled it either
 NAMED = frozenset({"explained", "partly_explained"})
 
 
@@ -35,13 +36,22 @@ def parts(found: Diagnosis) -> bool:
     """Whether free runs leave open what an observer may tell: of a machine without a controller whose
     command and noise are known, nothing of it seen directly."""
     judged = found.judged
-    if judged is None or judged.held is None or found.verdict not in UNSETTLED:
+    if judged is None or judged.held is None:
+        return False
+    if found.verdict not in UNSETTLED and not _drawn_astray(found.proof):
         return False
     scene, base = judged.scene, judged.model.base
     if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
         return False
     known = all(np.all(np.isfinite(t.u)) for t in (*scene.trials, *judged.held.trials))
     return known and found.plant.machine.states_noise and base.plant.system is found.plant.system
+
+
+def _drawn_astray(proof: Proof | None) -> bool:
+    """Maps were named for want of a better one, and free runs of them go their own way."""
+    if proof is None or proof.nrmse_with_map is None:
+        return False
+    return proof.nrmse_with_map > ASTRAY * proof.noise_floor
 
 
 def clearer(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:
@@ -53,7 +63,8 @@ def clearer(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:
     if not min(gains) > CLEAR:
         return found
     proof = _free_proof(found, again, rng)
-    if not proof.nrmse_after < proof.nrmse_before:
+    drawn = None if found.proof is None else found.proof.nrmse_with_map
+    if not proof.nrmse_after < (proof.nrmse_before if drawn is None else drawn):
         return found
     note = (
         "free runs of this machine part, so what is missing was told by an observer that leads the "
