@@ -39,7 +39,7 @@ from ffl.diagnose.predict.joining import (
     needed,
     proven,
 )
-from ffl.diagnose.predict.moving import doubted
+from ffl.diagnose.predict.moving import doubted, gap_at
 from ffl.diagnose.predict.play import (
     GLANCE,
     GRIDS,
@@ -156,8 +156,9 @@ def brings(begun: Hypothesis, scene: Scene) -> bool:
     """Whether the gap foretells better than none where all other numbers are free in either: beside a model
     whose numbers are slightly off a grid of gaps always holds a better one."""
     trials = shortened(scene, GLANCE)
-    bare = closed(begun, trials).worth(trials)
-    return refitted(begun, trials).worth(trials) > bare + PROMISES
+    bare = closed(begun, trials)
+    bare = refitted(bare, trials, fixed=(gap_at(bare.model),))  # its start was further off
+    return refitted(begun, trials).worth(trials) > bare.worth(trials) + PROMISES
 
 
 def accompanied(found: Hypothesis, scene: Scene) -> Company[Hypothesis]:

@@ -15,7 +15,7 @@ from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.clipped import _behind_play, _side
 from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
-from ffl.diagnose.predict.loose_head import able, regapped, start, with_loose_head
+from ffl.diagnose.predict.loose_head import able, regapped, spared, start, with_loose_head
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -173,3 +173,15 @@ def test_rivals_tried_beside_one_who_left_are_none(seen):
     assert after.found.model.names == ("periodic_disturbance", "input_delay", "backlash")
     assert set(after.rivals) == {"input_delay"}
     assert after.rivals["input_delay"].model.names[1] == "actuator_lag"
+
+
+def test_a_play_is_spared_where_what_was_named_foretells_better_and_no_play_beside_it(seen):  # type: ignore[no-untyped-def]
+    scene, _, told = seen(SPRING)
+    alone = Slip(replace(told, effects=(replace(PLAY, parameters={"gap": 1e-4}),)), NOISE)
+    named = replace(told, effects=(SPRING,))
+    assert spared(alone, scene, named)
+    assert not spared(alone, scene, told)  # nothing was named
+    scene, _, told = seen(SPRING, PLAY)
+    assert not spared(
+        Slip(replace(told, effects=(PLAY,)), NOISE), scene, replace(told, effects=(SPRING,))
+    )

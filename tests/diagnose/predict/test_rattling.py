@@ -14,7 +14,7 @@ from ffl.diagnose.predict import switching
 from ffl.diagnose.predict.joining import needed
 from ffl.diagnose.predict.moving import doubted, gap_at
 from ffl.diagnose.predict.play import Hypothesis, _along_valley, _forms, settled, start
-from ffl.diagnose.predict.rattling import beyond_prediction, burdened, crossed, unexplained
+from ffl.diagnose.predict.rattling import beyond_prediction, brings, burdened, crossed, unexplained
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.recordings import Recording
@@ -294,3 +294,18 @@ def test_a_guess_of_the_force_noise_is_no_statement(rigid):
         model = Model(Base.of(plant, 0.1))
         scene = Scene(plant.loop, (prepare(model.base.simulator, run, 1e-8),), prior)
         assert unexplained(scene, scene.residuals(model), model, prior) is told
+
+
+def test_a_gap_must_say_something_where_all_other_numbers_are_free(plant, rattling):
+    """Beside a spring 4 % off some gap always foretells better than none."""
+
+    def begun(runs):  # type: ignore[no-untyped-def]
+        base = Base.of(plant, max(float(np.ptp(r.y)) for r in runs))
+        scene = Scene(plant.loop, (prepare(base.simulator, runs[0], NOISE.sensor),), NOISE)
+        return start(scene, Model(base))[0], scene
+
+    stiffer = replace(Model(Base.of(plant)), corrections={"mode_1_frequency": 0.04}).plant()
+    found, scene = begun(records(stiffer))
+    assert found is not None
+    assert not brings(found, scene)
+    assert brings(*begun(rattling))
