@@ -88,7 +88,7 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         said = (
             f"{c['relative']:+.3g} {c['unit']}" if "unit" in c else f"{100 * c['relative']:+.3g} %"
         )
-        if "std_error" not in c and answer["verdict"] == "unnamed":
+        if "std_error" not in c and answer["verdict"] == "unnamed" and not answer["effects"]:
             said += ", beside the map, whose slope it may be"
         elif "std_error" not in c:
             said += ", as far as it may go: what stands behind it is something else"

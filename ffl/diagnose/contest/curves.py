@@ -9,12 +9,15 @@ Stribeck and viscous friction, 0.97 each, from one recording; its own pair is ah
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import scipy.optimize
 
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
+from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import settle
 from ffl.diagnose.hypothesis.amounts import claims, effect_values, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT
@@ -28,6 +31,16 @@ RISE, EARLY = (
     1.3,
     0.1,
 )  # of a Stribeck curve to begin with: static over level, its speed in RMS speeds
+
+
+def in_pairs(outcome: Outcome, say: Callable[[str], None]) -> Outcome:
+    """`outcome` with another pair where that is ahead, its rivals tried beside it."""
+    quiet, held = outcome.standing.scene, outcome.held
+    one = two_for_two(quiet, held, outcome.standing, say)
+    if one is outcome.standing:
+        return outcome
+    one, contenders = settle(quiet, held, one, outcome.steps, frozenset(), say, {})
+    return replace(outcome, standing=one, contenders=contenders)
 
 
 def two_for_two(

@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from ffl.diagnose.contest.curves import two_for_two
+from ffl.diagnose.contest.curves import in_pairs
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
 from ffl.diagnose.contest.judging import (
     UNTOLD,
@@ -99,7 +99,7 @@ def contest(
         left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
         if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, *left):
             return other
-    return _with_who_was_turned_down(outcome, threshold, most, say)
+    return in_pairs(_with_who_was_turned_down(outcome, threshold, most, say), say)
 
 
 def go_on(
@@ -205,7 +205,6 @@ def _climb(
                 quiet, held, base, steps, reserve | barred, say, last_contenders if again else {}
             )
             one = base if again else one_for_two(quiet, held, base, say)
-            one = two_for_two(quiet, held, one, say)
             if one is not base:
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one

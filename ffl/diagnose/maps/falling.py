@@ -29,6 +29,7 @@ from ffl.systems.state_space import Array
 NAME = "saturation"
 STARTS = (0.0, 0.3, 0.6)  # share of the limit that is lost at the largest speed
 SIZE = 0.1  # of the limit, and of what it loses: what one is to a step
+MOST_GROWN = 100.0  # of SIZE: logarithm of the most that a limit may be of the one named
 STEP = 1e-4  # of what is one, between two simulations
 MOST = 60  # runs of a fit, those for slopes apart
 RUNAWAY = 1e6  # whitened residual in place of a run that leaves all bounds
@@ -116,6 +117,8 @@ def _fitted(
         white = np.full(quiet.samples, RUNAWAY) if residuals is None else quiet.whiten(residuals)
         return np.append(white, free.theta / doubts)
 
+    free = np.full(len(doubts), np.inf)
+    bounds = np.append([1.0 - MOST_GROWN, 1.0], -free), np.append([1.0 + MOST_GROWN, np.inf], free)
     best: tuple[float, FreeModel, Scene] | None = None
     for share in STARTS:
         quiet, numbers = scene, np.ones(len(size))
@@ -124,7 +127,7 @@ def _fitted(
         for _ in range(2):  # under the noise that the names left, then under less
             numbers = scipy.optimize.least_squares(
                 left, numbers, args=(quiet,), diff_step=STEP, max_nfev=MOST,
-                bounds=(np.append([-np.inf, 1.0], np.full(len(doubts), -np.inf)), np.inf),
+                bounds=bounds,
             ).x  # fmt: skip
             residuals = quiet.residuals(free_at(numbers))
             if residuals is None:

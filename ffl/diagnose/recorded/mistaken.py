@@ -9,6 +9,7 @@ better. What integrates is looked at above a corner, where it forgets.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy.optimize
@@ -16,10 +17,11 @@ import scipy.optimize
 from ffl.diagnose.recorded.compared import compared, factor_of, moved_by
 from ffl.diagnose.recorded.early import early
 from ffl.diagnose.recorded.sound import Fault
+from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.recordings.units import factor_between, looks_like
 from ffl.systems.plant import Plant
-from ffl.systems.state_space import Array
+from ffl.systems.state_space import Array, StateSpace
 
 ALIKE = 0.2  # of y's variance: what a factor must leave at most to be all that is wrong
 UNALIKE = 0.5  # and with u and y as they are named, if these are exchanged
@@ -82,9 +84,28 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
             "plant's gain",
         )  # fmt: skip
     wrong = left < ALIKE and factor > 0 and not 1.0 / FACTOR < factor < FACTOR
+    wrong = wrong and not _refuted(plant, recording, n, factor)
     if wrong and not (factor < 1.0 and _held_back(plant, u, y, left)):
         return Fault(name, "unit", "the unit of y or u, or the plant's gain", too_large(factor))
     return early(plant, recording) if alone else None
+
+
+def _refuted(plant: Plant, recording: Recording, n: int, factor: float) -> bool:
+    """Whether y follows r as no loop does whose plant has `factor` times the stated gain. (Magnets that
+    push make of y a thousandth of what the model makes of u: the command holds them.)"""
+    r, y = recording.r[:n] - recording.r[0], recording.y[:n] - recording.y[0]
+    if plant.controller is None or not np.var(r - y) < UNALIKE * np.var(r):
+        return False
+    system = plant.system
+    if isinstance(system, StateSpace):
+        scaled = replace(system, c=factor * system.c, d=factor * system.d)
+    else:
+        scaled = replace(system, gain=factor * system.gain)
+    with np.errstate(all="ignore"):
+        made = Simulator(replace(plant, system=scaled)).run((), r, recording.f[:n]).y
+        off = y - made
+        share = float(np.var(off)) / max(float(np.var(y)), 1e-300)
+    return not share < UNALIKE
 
 
 def too_large(factor: float) -> str:
