@@ -106,9 +106,8 @@ def print_answer(answer: Mapping[str, Any]) -> None:
             after = f"{proof['nrmse_with_map']:.4g} with the map (without it {after})"
         print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {after}, {alone}")
         if "u_nrmse_after" in proof:
-            print(
-                f"  command:  nrmse {proof['u_nrmse_before']:.4g} -> {proof['u_nrmse_after']:.4g}"
-            )
+            line = f"nrmse {proof['u_nrmse_before']:.4g} -> {proof['u_nrmse_after']:.4g}"
+            print(f"  command:  {line}" + ("", ", without the map")["nrmse_with_map" in proof])
     for line in answer["advice"]:
         print(f"  advice: {line}")
     for line in answer.get("notes", ()):
