@@ -9,15 +9,12 @@ Stribeck and viscous friction, 0.97 each, from one recording; its own pair is ah
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import scipy.optimize
 
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
-from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import settle
 from ffl.diagnose.hypothesis.amounts import claims, effect_values, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT
@@ -26,55 +23,47 @@ from ffl.systems.state_space import Array
 
 PLAIN = frozenset({"coulomb_friction", "asymmetric_friction", "stribeck_friction"})
 VISCOUS, DRAG = "viscous_friction", "quadratic_drag"
-AHEAD = 3.0  # score by which the other pair must be ahead; behind, with fewer numbers
+NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
 RISE, EARLY = (
     1.3,
     0.1,
 )  # of a Stribeck curve to begin with: static over level, its speed in RMS speeds
 
 
-def in_pairs(outcome: Outcome, say: Callable[[str], None]) -> Outcome:
-    """`outcome` with another pair where that is ahead, its rivals tried beside it."""
-    quiet, held = outcome.standing.scene, outcome.held
-    one = two_for_two(quiet, held, outcome.standing, say)
-    if one is outcome.standing:
-        return outcome
-    one, contenders = settle(quiet, held, one, outcome.steps, frozenset(), say, {})
-    return replace(outcome, standing=one, contenders=contenders)
-
-
 def two_for_two(
     quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
-) -> Judged:
-    """`current`, or where it scores higher, or as high with fewer numbers, the model with drag for viscous
-    friction (or for damping of its own beyond the contract's line), or viscous friction for drag, beside
-    any plain form of the dry friction."""
+) -> Judged | None:
+    """The best pair that comes within `NEAR` of `current`: drag for viscous friction, or viscous friction
+    for drag, beside any plain form of the dry friction; drag for damping of its own beyond the contract's
+    line with fewer numbers alone. None where none does: under its own noise it may yet be ahead."""
     model = current.model
     dry = next((spec for spec in model.effects if spec.name in PLAIN), None)
     smooth = [spec for spec in model.effects if spec.name in (VISCOUS, DRAG)]
     if dry is None or len(smooth) > 1 or model.proven & {dry.name, *(s.name for s in smooth)}:
-        return current
+        return None
     if not smooth and not claims("damping", sizes(quiet, model).get("damping", 0.0)):
-        return current
+        return None
     own = smooth[0] if smooth else EffectSpec(VISCOUS, effect_values(model, "damping"), dry.options)
     company = model
     for spec in (dry, *smooth):
         company = company.without(company.names.index(spec.name))
-    best = current
+    near = []
     for pair in _pairs(quiet, model, dry, own):
         other = company
         for spec in pair:
             other = other.with_effect(spec)
         rival = judge(quiet, held, other, 8)
-        if not credible(rival):
+        fewer = len(rival.model.coordinates) < len(model.coordinates)
+        if not credible(rival) or not (
+            fewer or smooth
+        ):  # else one effect more, which must earn its place
             continue
-        rival, stands = levelled([rival, best])
-        gained = rival.score - stands.score
+        levelled_rival, stands = levelled([rival, current])
+        gained = levelled_rival.score - stands.score
         say(f"  {pair[0].name} and {pair[1].name} for {dry.name} and {own.name}: {gained:+.1f}")
-        fewer = len(rival.model.coordinates) < len(stands.model.coordinates)
-        if gained > (-AHEAD if fewer else AHEAD):
-            best = rival
-    return best
+        near.append((gained, rival))
+    gained, rival = max(near, key=lambda way: way[0], default=(-np.inf, None))
+    return rival if gained > -NEAR else None
 
 
 def _pairs(

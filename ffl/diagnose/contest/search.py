@@ -16,7 +16,8 @@ from functools import partial
 
 import numpy as np
 
-from ffl.diagnose.contest.curves import in_pairs
+from ffl.diagnose.contest.curves import two_for_two
+from ffl.diagnose.contest.forks import forks
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
 from ffl.diagnose.contest.judging import (
     UNTOLD,
@@ -27,7 +28,6 @@ from ffl.diagnose.contest.judging import (
     judge,
     levelled,
     noise_error,
-    promise,
     raw_error,
 )
 from ffl.diagnose.contest.line import crosses, on_the_line
@@ -35,7 +35,6 @@ from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import (
-    CREEPING,
     DRY,
     KEEP,
     PLIABLE,
@@ -60,8 +59,6 @@ FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 BY_CHANCE = 0.05  # of noise that makes more
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
-NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
-FORKS = 2  # most of these that are followed
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 MOST, MOST_OF_STAGES = 3, 5  # effects that may join; a row of lags has as many of its own
@@ -94,12 +91,25 @@ def contest(
         steps = [step for step in outcome.steps if step.accepted is not None]
         start = rival.scene, rival.held, rival, steps, outcome.contenders
         other = _climb(*start, frozenset({name}), threshold, most, say)
-        ahead, behind = levelled([other.standing, outcome.standing])
-        say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
-        left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
-        if ahead.score > behind.score + SUBSTITUTE and not _worse(other.held, ahead, behind, *left):
+        if _ahead(other, outcome, say):
             return other
-    return in_pairs(_with_who_was_turned_down(outcome, threshold, most, say), say)
+    outcome = _with_who_was_turned_down(outcome, threshold, most, say)
+    pair = two_for_two(outcome.standing.scene, outcome.held, outcome.standing, say)
+    if pair is None or scene.work.done:
+        return outcome
+    say(f"the other way: {pair.name}")
+    start = pair.scene, pair.held, pair, outcome.steps, {}
+    other = _climb(*start, frozenset(), threshold, most, say)
+    return other if _ahead(other, outcome, say) else outcome
+
+
+def _ahead(other: Outcome, outcome: Outcome, say: Callable[[str], None]) -> bool:
+    """Whether what `other` came to is likelier, and no worse on the held-out recordings."""
+    ahead, behind = levelled([other.standing, outcome.standing])
+    say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
+    left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
+    better = ahead.score > behind.score + SUBSTITUTE
+    return better and not _worse(other.held, ahead, behind, *left)
 
 
 def go_on(
@@ -138,36 +148,6 @@ def _with_who_was_turned_down(
         say(f"  {np.sqrt(left / stood):.2f} times the held-out error")
         return other if left < HALF * stood else outcome
     return outcome
-
-
-def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
-    """(effect, hypothesis with another in its place), best first, that come near what stands, leave
-    something else than it, and by less than what the best of those that found no leave would bring,
-    its numbers not charged: it tells how much is left."""
-    refused = []
-    for step in reversed(outcome.steps):
-        if step.accepted is not None:
-            break
-        refused += [
-            rival.fitted + rival.held_out - step.before.fitted - step.before.held_out
-            for rival in step.rivals
-        ]
-    left = max(refused, default=0.0)
-    if left < KEEP:
-        return []
-    out = []
-    for name, others in outcome.contenders.items():
-        own = others[0][1]
-        for rival, other in others[1:]:
-            gap = own.score - other.score
-            if rival == name or {rival, name} <= DRY - CREEPING or gap > NEAR * left:
-                continue  # forms of one friction differ by too little to be another way
-            if promise(other.fit.white, own.fit.white) > gap + KEEP:
-                out.append((gap, name, other))
-    nearest: dict[tuple[str, ...], tuple[str, Judged]] = {}
-    for _, name, other in sorted(out, key=lambda f: f[0]):
-        nearest.setdefault(other.model.names, (name, other))
-    return list(nearest.values())[:FORKS]
 
 
 def _climb(
