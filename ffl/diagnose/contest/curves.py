@@ -24,10 +24,8 @@ from ffl.systems.state_space import Array
 PLAIN = frozenset({"coulomb_friction", "asymmetric_friction", "stribeck_friction"})
 VISCOUS, DRAG = "viscous_friction", "quadratic_drag"
 NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
-RISE, EARLY = (
-    1.3,
-    0.1,
-)  # of a Stribeck curve to begin with: static over level, its speed in RMS speeds
+# Of a Stribeck curve to begin with: static over level, its speed in RMS speeds.
+RISE, EARLY = 1.3, 0.1
 
 
 def two_for_two(
@@ -52,14 +50,13 @@ def two_for_two(
         other = company
         for spec in pair:
             other = other.with_effect(spec)
+        if not smooth and len(other.coordinates) >= len(model.coordinates):
+            continue  # one effect more, which must earn its place as others do
         rival = judge(quiet, held, other, 8)
-        fewer = len(rival.model.coordinates) < len(model.coordinates)
-        if not credible(rival) or not (
-            fewer or smooth
-        ):  # else one effect more, which must earn its place
+        if not credible(rival):
             continue
-        levelled_rival, stands = levelled([rival, current])
-        gained = levelled_rival.score - stands.score
+        ahead, stands = levelled([rival, current])
+        gained = ahead.score - stands.score
         say(f"  {pair[0].name} and {pair[1].name} for {dry.name} and {own.name}: {gained:+.1f}")
         near.append((gained, rival))
     gained, rival = max(near, key=lambda way: way[0], default=(-np.inf, None))

@@ -68,8 +68,8 @@ def conclude(
     standing = replace(standing, fit=turned)
     rounded = not standing.predicted and _rounding(standing)
     if standing.predicted or rounded:  # nothing that is left says what is still missing
-        named_all = "named" if standing.predicted or standing.model.effects else "nothing"
-        nameless = Contest(named_all, None, None, 0.0, 0.0, None)
+        all_there_is = "named" if standing.predicted or standing.model.effects else "nothing"
+        nameless = Contest(all_there_is, None, None, 0.0, 0.0, None)
     else:
         scene = outcome.standing.scene.like(standing.scene)
         judging = (outcome.held or held).like(scene)
