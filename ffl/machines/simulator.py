@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -97,6 +98,7 @@ class Simulator:
         other = copy.copy(self)
         other.mechanics = mechanics
         other._compiler = Compiler(self.plant, mechanics)
+        other.__dict__.pop("rest_unit", None)
         return other
 
     @property
@@ -138,6 +140,11 @@ class Simulator:
         target = np.append(-k.b @ inputs, command - float((k.d @ inputs)[0]))
         states = np.linalg.lstsq(rows, target, rcond=None)[0]
         return np.concatenate([solution[:size], np.full(m.delay, command), states])
+
+    @cached_property
+    def rest_unit(self) -> Array:
+        """`at_rest` at 1; of one position it is a multiple."""
+        return self.at_rest(1.0)
 
     def prepare(
         self,

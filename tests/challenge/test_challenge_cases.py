@@ -257,3 +257,12 @@ def test_wrong_parameters_stay_corrections_by_the_contract(machine, doubt):
         if machine == "stiffness":
             error = setup.true.stiffness / setup.nominal.stiffness - 1
             assert abs(error[0, 0]) < 0.02
+
+
+def test_a_change_of_mass_is_counted_beside_what_the_model_has():
+    """On a rigid stage a nominal mass 1 % too small and a payload are one number."""
+    setup = draw_setup("rigid", "exact", np.random.default_rng(3))
+    wrong = replace(setup, corrections={"mass": 0.01})
+    found = _truth_effect(Part("mass_change", "motor", 1, 1.0), {"change": -0.05}, wrong,
+                          Trace(0.0, 0.0, 0.0, 0.0))  # fmt: skip
+    assert found["parameters"]["change"] == pytest.approx(1.01 * 0.95 - 1.0)

@@ -13,6 +13,7 @@ import scipy.stats
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import NAMES, netted
 from ffl.diagnose.hypothesis.fit import Fit, fit
+from ffl.diagnose.hypothesis.knots import continued
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.doubt import Doubt, judged_by
 from ffl.diagnose.noise.noise import Paths
@@ -103,6 +104,7 @@ def judge(
     quieter, quieter_sensor = scene.noise.force, scene.noise.sensor
     if first.status == "diverged" or not np.isfinite(first.cost):
         return Judged(first, scene, -np.inf, -np.inf, np.zeros(0))
+    fitted_on = scene
     for _ in range(PASSES):  # physics that has been found no longer counts as noise
         cleaner = scene.with_noise_of(
             raw_residuals(scene, first.model), coloured=False, quantile=QUIET
@@ -111,6 +113,8 @@ def judge(
             break
         quieter, quieter_sensor = cleaner.noise.force, cleaner.noise.sensor
         first = fit(cleaner, first.model, rounds=max(4, rounds // 2), known=first.known())
+        fitted_on = cleaner
+    first = continued(first, fitted_on)
     # Fitted under the least noise, scored under the noise it leaves: coloured noise in the fit would
     # let slow physics go as noise, and its absence in the score would take noise for physics. Its size is
     # free: read from the calm stretches alone, less noise there spoke against who left less everywhere

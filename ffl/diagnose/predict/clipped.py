@@ -55,12 +55,16 @@ def _level(grid, values, x):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _seen(x, p, row, out):  # type: ignore[no-untyped-def]
     """(mean, variance) of row x; `out` becomes p row."""
+    n = len(x)
     mean, square = 0.0, 0.0
-    for i in range(len(x)):
-        out[i] = 0.0
-        for j in range(len(x)):
-            out[i] += p[i, j] * row[j]
-        mean += row[i] * x[i]
+    out[:] = 0.0
+    for j in range(n):
+        weight = row[j]
+        if weight != 0.0:
+            mean += weight * x[j]
+            for i in range(n):
+                out[i] += p[j, i] * weight
+    for i in range(n):
         square += row[i] * out[i]
     return mean, square
 
@@ -207,6 +211,12 @@ def predicted(  # type: ignore[no-untyped-def]
     xs, gains = np.zeros((3, n)), np.zeros((3, n))
     own, now = np.zeros(n), move.copy()
     own[stretch] = 1.0
+    many, at = np.zeros(n, np.int64), np.zeros((n, n), np.int64)  # of each row what is not zero
+    for i in range(n):
+        for j in range(n):
+            if move[i, j] != 0.0 or (j == stretch and len(lean) > 0):
+                at[i, many[i]] = j
+                many[i] += 1
     surprise = 1.0
     for t in range(samples):
         if half > 0.0:
@@ -225,9 +235,10 @@ def predicted(  # type: ignore[no-untyped-def]
             out[t], scale[t] = e, np.sqrt(s)
             logs[t] = 0.5 * np.log(s)
             for i in range(n):
-                x[i] += pq[i] * e / s
+                gain = pq[i] / s
+                x[i] += gain * e
                 for j in range(n):
-                    p[i, j] -= pq[i] * pq[j] / s
+                    p[i, j] -= gain * pq[j]
         if len(lean):
             for i in range(n):
                 now[i, stretch] = move[i, stretch] + lean[t, i]
@@ -235,15 +246,19 @@ def predicted(  # type: ignore[no-untyped-def]
             for i in range(n):
                 new[i] = drive[t, i]
                 for j in range(n):
-                    new[i] += now[i, j] * x[j]
                     other[i, j] = 0.0
-                    for k in range(n):
-                        other[i, j] += now[i, k] * p[k, j]
+                for c in range(many[i]):
+                    k = at[i, c]
+                    value = now[i, k]
+                    new[i] += value * x[k]
+                    for j in range(n):
+                        other[i, j] += value * p[k, j]
             for i in range(n):
                 x[i] = new[i]
                 for j in range(i + 1):
                     total = 0.0
-                    for k in range(n):
+                    for c in range(many[j]):
+                        k = at[j, c]
                         total += other[i, k] * now[j, k]
                     p[i, j] = total
                     p[j, i] = total

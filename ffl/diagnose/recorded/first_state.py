@@ -12,7 +12,9 @@ from ffl.recordings import Recording
 from ffl.systems.state_space import Array
 
 NUDGE = 1e-6  # of a position: how far one looks for how steep its sensor is there
-SETTLE = 12  # rounds in which the position behind a sensor is found: its error is a small part
+SETTLE = (
+    12  # rounds at most in which the position behind a sensor is found: its error is a small part
+)
 
 
 def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple[Array, Array]:
@@ -67,13 +69,16 @@ def in_motion_from(simulator: Simulator, recording: Recording, noise: float) -> 
 def behind_sensor(simulator: Simulator, start: Array, added: Callable[[float], float]) -> Array:
     """`start` of a loop at rest with the plant where a sensor that adds `added(position)` shows what
     `start` has."""
-    unit = simulator.at_rest(1.0)[: simulator.n_plant]
+    unit = simulator.rest_unit[: simulator.n_plant]
     measured = float(unit @ start[: simulator.n_plant]) / float(unit @ unit)
     position, small = measured, NUDGE * max(abs(measured), abs(added(measured)), 1e-300)
     for _ in range(SETTLE):
         now, ahead = added(position), added(position + small)
         steep = max(1.0 + (ahead - now) / small, 1.0)  # a scale may bend to more than twice as much
-        position += (measured - position - now) / steep
+        found = position + (measured - position - now) / steep
+        if found == position:
+            break
+        position = found
     return np.append(start[: len(unit)] + (position - measured) * unit, start[len(unit) :])
 
 
