@@ -25,6 +25,7 @@ from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import prove, run_plant, with_map
+from ffl.diagnose.proof.unvisited import unvisited
 from ffl.diagnose.proof.verdict import BEYOND, LOUD, LOUDER, loudness, verdict
 from ffl.diagnose.recorded import sound, where
 from ffl.diagnose.recorded.mistaken import too_large
@@ -112,6 +113,9 @@ def conclude(
         notes.append(
             f"what is left is {loud:.2g} times as loud as the plant file's noise can make it"
         )
+    if said == "partly_explained":
+        beyond = unvisited(standing.model.names, quiet.trials, held.trials, model.output_unit)
+        notes += [beyond] if beyond else []
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
