@@ -150,7 +150,7 @@ def _truth_effect(part: Part, parameters: dict, setup: Setup, found: Trace) -> d
 
     if part.name == "viscous_friction":
         parameters = {"coefficient": parameters["coefficient"] + _damping_that_lacks(setup)}
-    if part.name == "mass_change":  # and so is the mass that the nominal model lacks in this
+    if part.name == "mass_change":  # the mass that the nominal model lacks is in it
         lacks = setup.corrections.get("mass", 0.0)
         parameters = {"change": (1.0 + parameters["change"]) * (1.0 + lacks) - 1.0}
     return {

@@ -1,8 +1,9 @@
 """Levels of a friction table where the recordings hardly show any: as those beside them are.
 
 A machine stands at the ends of its stroke, or passes them in one direction; a level there is free to be
-anything, and a held-out run that goes there is foretold by it (levels of 0 beside 2.1 N left 25 times the
-noise). Levels of neighbouring knots t differ by as much as those do that are shown, in the mean by d:
+anything, and a held-out run that goes there is foretold by it (levels of 0 beside 2.1 N left 25 times what
+the true model leaves). Levels of neighbouring knots t differ by as much as those do that are shown, in the
+mean by d:
 
     min over step of |R step|^2/s^2 + |D (t + step)|^2/d^2,
 
@@ -30,7 +31,7 @@ HARDLY = 0.5  # of that difference: a standard error above it leaves a level to 
 
 def continued(found: Fit, scene: Scene) -> Fit:
     """`found`, of `scene`, with the levels of its friction table that hardly show brought to what their
-    neighbours say, all other numbers with them; itself where every level shows."""
+    neighbours say, all other numbers with them, its Jacobian as it was; itself where every level shows."""
     sides = _sides(found.model)
     if not sides or found.status == "diverged":
         return found

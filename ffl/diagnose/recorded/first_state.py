@@ -12,9 +12,7 @@ from ffl.recordings import Recording
 from ffl.systems.state_space import Array
 
 NUDGE = 1e-6  # of a position: how far one looks for how steep its sensor is there
-SETTLE = (
-    12  # rounds at most in which the position behind a sensor is found: its error is a small part
-)
+SETTLE = 12  # most rounds in which the position behind a sensor is found: its error is a small part
 
 
 def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple[Array, Array]:
