@@ -4,11 +4,14 @@ Dry and viscous friction, or dry friction and drag, draw one curve of force over
 pair may draw it better where neither half may be exchanged alone: beside a Stribeck curve drag is worth
 nothing, beside drag no Stribeck curve is missed. (A fan with 0.38 V of dry friction and drag was told as
 Stribeck and viscous friction, 0.97 each, from one recording; its own pair is ahead, with a number less.)
+Levels by direction beside drag or a damper may be a Stribeck curve beside a constant load: with levels and
+load in one, what falls with speed is left to a negative damping that drag makes up for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import scipy.optimize
@@ -22,7 +25,7 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PLAIN = frozenset({"coulomb_friction", "asymmetric_friction", "stribeck_friction"})
-VISCOUS, DRAG = "viscous_friction", "quadratic_drag"
+VISCOUS, DRAG, LOAD = "viscous_friction", "quadratic_drag", "constant_load"
 NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
 # Of a Stribeck curve to begin with: static over level, its speed in RMS speeds.
 RISE, EARLY = 1.3, 0.1
@@ -33,7 +36,8 @@ def two_for_two(
 ) -> Judged | None:
     """The best pair that comes within `NEAR` of `current`: drag for viscous friction, or viscous friction
     for drag, beside any plain form of the dry friction; drag for damping of its own beyond the contract's
-    line with fewer numbers alone. None where none does: under its own noise it may yet be ahead."""
+    line with fewer numbers alone; a Stribeck curve and a load for levels by direction and one of the two.
+    None where none does: under its own noise it may yet be ahead."""
     model = current.model
     dry = next((spec for spec in model.effects if spec.name in PLAIN), None)
     smooth = [spec for spec in model.effects if spec.name in (VISCOUS, DRAG)]
@@ -46,8 +50,11 @@ def two_for_two(
     for spec in (dry, *smooth):
         company = company.without(company.names.index(spec.name))
     near = []
-    for pair in _pairs(quiet, model, dry, own):
-        other = company
+    pairs = [(company, pair) for pair in _pairs(quiet, model, dry, own)]
+    if smooth and dry.name == "asymmetric_friction" and LOAD not in model.names:
+        corrections = {k: v for k, v in model.corrections.items() if k != "damping"}
+        pairs.append((replace(company, corrections=corrections), _with_load(quiet, model, dry)))
+    for other, pair in pairs:
         for spec in pair:
             other = other.with_effect(spec)
         if not smooth and len(other.coordinates) >= len(model.coordinates):
@@ -68,8 +75,7 @@ def _pairs(
 ) -> list[tuple[EffectSpec, EffectSpec]]:
     """The pairs with the other smooth form, nearest to the same force over the speeds of `model`, at the
     same places."""
-    speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
-    usual = float(np.sqrt(np.mean(speed**2))) or 1.0
+    speed, usual = _speeds(quiet, model)
     power = {VISCOUS: 1.0, DRAG: 2.0}
     drawn = _dry(dry, speed) + smooth.parameters["coefficient"] * speed ** power[smooth.name]
     other = DRAG if smooth.name == VISCOUS else VISCOUS
@@ -80,14 +86,35 @@ def _pairs(
     forms = {
         "coulomb_friction": {"level": level},
         "asymmetric_friction": {"level_positive": level, "level_negative": level},
-        "stribeck_friction": {
-            "coulomb_level": level,
-            "static_level": RISE * level,
-            "stribeck_velocity": EARLY * usual,
-        },
+        "stribeck_friction": _falling(level, usual),
     }
     options = {k: v for k, v in dry.options.items() if k in POINT}
     return [(EffectSpec(form, values, options), beside) for form, values in forms.items()]
+
+
+def _with_load(quiet: Scene, model: Model, dry: EffectSpec) -> tuple[EffectSpec, EffectSpec]:
+    """A Stribeck curve that ends at the mean of the levels by direction, and a load of half of what they
+    differ by, at the same place."""
+    options = {k: v for k, v in dry.options.items() if k in POINT}
+    ways = dry.parameters["level_positive"], dry.parameters["level_negative"]
+    curve = _falling(0.5 * sum(ways), _speeds(quiet, model)[1])
+    load = EffectSpec(LOAD, {"force": 0.5 * (ways[1] - ways[0])}, options)
+    return EffectSpec("stribeck_friction", curve, options), load
+
+
+def _falling(level: float, usual: float) -> dict[str, float]:
+    """A Stribeck curve to begin with, that falls to `level`; `usual`: the RMS speed."""
+    return {
+        "coulomb_level": level,
+        "static_level": RISE * level,
+        "stribeck_velocity": EARLY * usual,
+    }
+
+
+def _speeds(quiet: Scene, model: Model) -> tuple[Array, float]:
+    """Those of `model`, of all recordings, and their RMS."""
+    speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
+    return speed, float(np.sqrt(np.mean(speed**2))) or 1.0
 
 
 def _dry(spec: EffectSpec, speed: Array) -> Array:

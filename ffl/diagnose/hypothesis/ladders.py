@@ -25,7 +25,7 @@ from ffl.systems.state_space import Array
 
 COMMANDS = (0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99)  # shares of samples below a limit
 GLIMPSE = 8  # of so many samples one is simulated to see which starts are not worth the others
-LIMIT, LOWEST, LEVELS = "saturation", 0.05, 20  # shares of the largest command
+LIMIT, LOWEST, LEVELS = "saturation", 0.01, 28  # shares of the largest command
 SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 
@@ -157,11 +157,10 @@ def overlooked(
     listed: Sequence[Candidate],
     taken: Collection[str] = (),
 ) -> list[Candidate]:
-    """Effects of which a simulation on their `ladder` shows what no first order does: where the motion
-    is far from what was measured (a limit that makes the loop swing), a start from which the sum of
-    squares falls to a small part; a limit of the command, unless it is `taken`, also where first order
-    proposes none."""
-    if not base.fit.far:
+    """Effects of which a simulation on their `ladder` shows what no first order does (a limit that makes
+    the loop swing): a start from which the sum of squares falls to a small part, where noise is as small a
+    part of it; a limit of the command, unless it is `taken`, also where first order proposes none."""
+    if FALLS * base.fit.cost < len(base.fit.white):
         return []
     names = {c.spec.name for c in listed}
     out = []

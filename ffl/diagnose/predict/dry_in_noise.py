@@ -33,6 +33,7 @@ from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
 CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+ALIKE = 0.25  # of a level, between the same friction under two noises
 STILL = 0.02  # of a level that stands: force noise below it smooths nothing
 HINT = 4.0  # of it that plain friction must bring for its other forms to be tried
 TRUSTED = 1.5  # times the stated noise: a filter that needs more leaves more than noise
@@ -40,6 +41,9 @@ LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
+LEAST = (
+    0.005  # of what friction brings: a true curve brings 0.03 to 0.07, one in a level's place 0.002
+)
 LITTLE = 0.05  # of what friction brings: a true table brings a quarter more, one in a level's place 0.011
 FOOTING = 50.0  # nats a recording: more is no matter of where it begins
 
@@ -73,10 +77,10 @@ def with_dry_friction(
     if found is None:
         return outcome
     if _louder(found[0].scene.noise, prior) > TRUSTED:  # then under the stated noise as well
-        sure = _clear(scene, held, standing, (told, begun), noises[:2])
+        sure = _clear(scene, held, standing, (told, begun), noises[:2], alike=found[0])
         if sure is None or _louder(sure[0].scene.noise, prior) > TRUSTED:
             return outcome
-        found = found if found[0].model.names == sure[0].model.names else sure
+        found = found if _alike(found[0], sure[0]) else sure
     best, before, rivals = found
     name = best.model.names[-1]
     stood = next((n for n in before.model.names if n in DRY | PASSES), "nothing")
@@ -88,10 +92,16 @@ def with_dry_friction(
 
 
 def _clear(
-    scene: Scene, held: Scene, standing: Judged, begun: Sequence[Model], noises: Sequence[Noise]
+    scene: Scene,
+    held: Scene,
+    standing: Judged,
+    begun: Sequence[Model],
+    noises: Sequence[Noise],
+    alike: Judged | None = None,
 ) -> tuple[Judged, Judged, list[Judged]] | None:
     """The best form under that of the `noises` which suits it, `standing` by free runs beside it, and all
-    forms; None where it is not clearly the likelier."""
+    forms; None where it is not clearly the likelier: than no friction and than free runs, or, where it is
+    `alike`, which was, than no friction."""
     plain, rivals = _forms(scene, held, begun, noises)
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):
@@ -99,27 +109,34 @@ def _clear(
     if plain is None or best is None or crosses(scene, best):
         return None
     before = _by_free_runs(standing, best, scene, held, begun[0])
-    gains = [
-        b - a for one in (plain, before) for a, b in zip(_worth(one), _worth(best), strict=True)
-    ]
+    beaten = (plain,) if alike is not None and _alike(best, alike) else (plain, before)
+    gains = [b - a for one in beaten for a, b in zip(_worth(one), _worth(best), strict=True)]
     return (best, before, rivals) if min(gains) >= CLEAR else None
+
+
+def _alike(one: Judged, other: Judged) -> bool:
+    """The same friction beside the same effects, its level within a quarter."""
+    if one.model.names != other.model.names:
+        return False
+    levels = [level_of(judged.model.effects[-1]) for judged in (one, other)]
+    return None not in levels and abs(levels[0] - levels[1]) <= ALIKE * max(levels)
 
 
 def _best(rivals: Sequence[Judged], none: Judged | None) -> Judged | None:
     """The likeliest form that has numbers of its physics; a table must say more than fit a little better,
     or mend a little of what the filter itself is wrong by: that puts the true level behind another by 2 %
-    of what friction brings over `none`. What does as well with fewer numbers is preferred."""
+    of what friction brings over `none`. What does nearly as well with fewer numbers is preferred."""
     able = [one for one in rivals if credible(one)]
     if not able or none is None:
         return None
-    share = SHARE * max(len(one.fit.white) for one in able)
-    share = max(share, LITTLE * (max(one.score for one in able) - none.score))
+    brought = max(one.score for one in able) - none.score
+    share = max(SHARE * max(len(one.fit.white) for one in able), LITTLE * brought)
 
     def worth(one: Judged) -> float:
         return one.score - (share if one.model.names[-1] in PLIABLE else 0.0)
 
     top = max(worth(one) for one in able)
-    near = [one for one in able if worth(one) > top - SUBSTITUTE]
+    near = [one for one in able if worth(one) > top - max(SUBSTITUTE, LEAST * brought)]
     return min(near, key=lambda one: len(one.model.coordinates))
 
 

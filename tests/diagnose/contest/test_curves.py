@@ -48,3 +48,20 @@ def test_drag_beside_damping_of_ones_own_is_one_effect_more(stage, record, scene
     runs = record(replace(stage, effects=(COULOMB, VISCOUS)))
     scene, held, judged = standing(scenes, runs, COULOMB)
     assert two_for_two(scene, held, judged, lambda line: None) is None
+
+
+def test_a_stribeck_curve_and_a_load_for_levels_by_direction_and_drag(stage, record, scenes):
+    """What falls with speed had been left to a negative damping that drag made up for."""
+    falling = {"coulomb_level": 1.4, "static_level": 3.0, "stribeck_velocity": 0.02}
+    load = EffectSpec("constant_load", {"force": -0.9})
+    machine = replace(stage, effects=(EffectSpec("stribeck_friction", falling), load))
+    skewed = {"level_positive": 2.5, "level_negative": 0.7}
+    begun = EffectSpec("asymmetric_friction", skewed), DRAG
+    scene, held, judged = standing(scenes, record(machine), *begun)
+    found = two_for_two(scene, held, judged, lambda line: None)
+    assert found is not None
+    assert found.model.names == ("stribeck_friction", "constant_load")
+    assert found.score > judged.score + 100.0
+    curve, weight = (spec.parameters for spec in found.model.effects)
+    assert curve == pytest.approx(falling, rel=0.05)
+    assert weight["force"] == pytest.approx(-0.9, rel=0.05)

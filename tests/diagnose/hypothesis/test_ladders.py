@@ -31,6 +31,20 @@ def test_a_limit_that_the_simulation_never_reaches_is_tried(stage, record, scene
     assert overlooked(scene, base, like, [], [], taken={"saturation"}) == []
 
 
+@pytest.mark.parametrize(("times", "seen"), [(2.5, True), (1.8, False)])
+def test_a_limit_is_tried_wherever_noise_leaves_room_for_one(stage, record, scenes, times, seen):
+    """Under noise that takes what is left for `times` its own size nothing is far, and first order is
+    as blind to it."""
+    machine = replace(stage, effects=(EffectSpec("saturation", {"limit": 1.3}),))
+    scene, _, model = scenes(record(machine))
+    cost = fit(scene, model, rounds=0).cost / scene.samples
+    loud = replace(scene, noise=scene.noise.scaled(np.sqrt(cost / times)))
+    like = fit(loud, model, rounds=0)
+    assert not like.far
+    found = overlooked(loud, SimpleNamespace(fit=like), like, [], [])
+    assert [c.spec.name for c in found] == (["saturation"] if seen else [])
+
+
 def test_nothing_is_overlooked_where_the_simulation_is_near(stage, record, scenes):
     scene, held, model = scenes(record(stage))
     base = judge(scene, held, model)

@@ -214,3 +214,42 @@ def test_a_table_must_say_more_than_the_filter_errs_by(monkeypatch, more, table)
     ]
     best = dry_in_noise._best(forms, judged(330798.8))
     assert best is forms[table]
+
+
+@pytest.mark.parametrize(("more", "curve"), [(24.0, False), (900.0, True)])
+def test_a_curve_must_say_more_than_the_filter_errs_by(monkeypatch, more, curve):  # type: ignore[no-untyped-def]
+    """Plain friction worth 12,826: a Stribeck curve in its place brought 24 of that."""
+    monkeypatch.setattr(dry_in_noise, "credible", lambda judged: True)
+
+    def judged(score, name, numbers):  # type: ignore[no-untyped-def]
+        model = SimpleNamespace(names=(name,), coordinates=range(numbers))
+        return SimpleNamespace(score=score, model=model, fit=SimpleNamespace(white=np.zeros(16332)))
+
+    forms = [judged(12826.0, "coulomb_friction", 1), judged(12826.0 + more, "stribeck_friction", 3)]
+    best = dry_in_noise._best(forms, judged(0.0, "nothing", 0))
+    assert best is forms[curve]
+
+
+def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatch):
+    """Free runs may be likelier under the stated noise: they have been beaten under the loudest."""
+
+    def judged(fitted, held_out, name, level):  # type: ignore[no-untyped-def]
+        spec = EffectSpec(name, {"level": level})
+        model = SimpleNamespace(names=(name,), effects=(spec,))
+        return SimpleNamespace(score=fitted + held_out, held_out=held_out, model=model)
+
+    plain = judged(0.0, 0.0, "coulomb_friction", 0.0)
+    best = judged(860.0, 150.0, "coulomb_friction", 0.21)
+    free = judged(770.0, 207.0, "nothing", 0.0)
+    monkeypatch.setattr(dry_in_noise, "_forms", lambda *_: (plain, [best]))
+    monkeypatch.setattr(dry_in_noise, "crosses", lambda *_: False)
+    monkeypatch.setattr(dry_in_noise, "_best", lambda rivals, none: rivals[0])
+    monkeypatch.setattr(dry_in_noise, "_by_free_runs", lambda *_: free)
+
+    def look(alike=None):  # type: ignore[no-untyped-def]
+        return dry_in_noise._clear(None, None, free, (None, None), (), alike)
+
+    assert look() is None
+    assert look(judged(1.0, 1.0, "coulomb_friction", 0.25)) == (best, free, [best])
+    assert look(judged(1.0, 1.0, "coulomb_friction", 0.31)) is None
+    assert look(judged(1.0, 1.0, "asymmetric_friction", 0.21)) is None
