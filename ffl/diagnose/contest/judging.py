@@ -321,6 +321,14 @@ def gaining(rivals: Sequence[Judged], base: Judged) -> list[Judged]:
     return [r for r in rivals if r.fitted > base.fitted + LEAST] or list(rivals)
 
 
+def borne_out(rival: Judged, base: Judged) -> bool:
+    """Whether the held-out recordings gain most of what the rival promises there, and clearly: numbers fitted
+    to noise lose as much on others as they promise."""
+    told = promise(rival.held_white, base.held_white)
+    rival, base = levelled([rival, base])
+    return told > CONFIRMS and rival.held_out - base.held_out > HALF * told
+
+
 def promise(rival: Array, base: Array) -> float:
     """Log-likelihood that held-out recordings would bring in the mean if the rival were right: half the
     square of the difference that it makes there, in units of the noise; infinite where none judge."""

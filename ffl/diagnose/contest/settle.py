@@ -36,7 +36,7 @@ from ffl.systems.plant import EffectSpec
 KEEP = 20.0  # score an effect must be worth beside all others
 RIVALS = 4  # names of the round that an effect won, the best of which are tried in its place again
 SUBSTITUTE = 3.0  # score by which a sibling must be better
-HOPELESS = 0.3  # of what an effect is worth: a rival further behind after a few steps stays there
+HOPELESS = 0.15  # of what an effect is worth: a rival further behind after a few steps stays there
 CHALLENGERS = 6  # most rivals that an effect must stand up to in the end
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company

@@ -26,13 +26,14 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.foretold import best_of, refitted
+from ffl.diagnose.predict.foretold import FIRST, best_of, refitted
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
 CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+LED = 500.0  # log-likelihood by which free runs of a friction are ahead where no other form will be
 ALIKE = 0.25  # of a level, between the same friction under two noises
 STILL = 0.02  # of a level that stands: force noise below it smooths nothing
 HINT = 4.0  # of it that plain friction must bring for its other forms to be tried
@@ -102,6 +103,8 @@ def _clear(
     """The best form under that of the `noises` which suits it, `standing` by free runs beside it, and all
     forms; None where it is not clearly the likelier: than no friction and than free runs, or, where it is
     `alike`, which was, than no friction."""
+    if _led_by_free_runs(scene, held, standing, begun, noises):
+        return None
     plain, rivals = _forms(scene, held, begun, noises)
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):
@@ -112,6 +115,22 @@ def _clear(
     beaten = (plain,) if alike is not None and _alike(best, alike) else (plain, before)
     gains = [b - a for one in beaten for a, b in zip(_worth(one), _worth(best), strict=True)]
     return (best, before, rivals) if min(gains) >= CLEAR else None
+
+
+def _led_by_free_runs(
+    scene: Scene, held: Scene, standing: Judged, begun: Sequence[Model], noises: Sequence[Noise]
+) -> bool:
+    """The friction that stands is so far behind its own free runs, fitted and held out, in the filter that
+    no other form would be ahead: what a step of a sample does not resolve is louder than the noise."""
+    if not any(spec.name in FORMS for spec in standing.model.effects):
+        return False
+    model = replace(begun[1], effects=standing.model.effects)
+    own = max((Slip(model, noise) for noise in noises), key=lambda h: h.worth(scene.trials))
+    judged = _judged(refitted(own, scene.trials, rounds=FIRST), scene, held)
+    if judged is None:
+        return False
+    free = _by_free_runs(standing, judged, scene, held, begun[0])
+    return all(a - b > LED for a, b in zip(_worth(free), _worth(judged), strict=True))
 
 
 def _alike(one: Judged, other: Judged) -> bool:

@@ -98,7 +98,10 @@ def with_rattling(
         return outcome
     if not brings(begun, scene):
         return outcome
-    found = burdened(needed(settled(begun, scene, levels), scene.trials), scene)
+    found = settled(begun, scene, levels)
+    if beyond_prediction(found, scene)[0] < PROMISES:
+        return outcome
+    found = burdened(needed(found, scene.trials), scene)
     company = accompanied(found, scene)
     scene = clocked(scene, company)
     if company.found.worth(scene.trials) > found.worth(scene.trials):
@@ -205,12 +208,12 @@ def unexplained(scene: Scene, left: Sequence[Array], told: Model, prior: Noise) 
     return float(np.mean(replace(scene, noise=noise).whiten(left) ** 2)) > UNEXPLAINED
 
 
-def beyond_prediction(found: Hypothesis, scene: Scene, held: Scene) -> tuple[float, float]:
-    """What the gap brings over the same company without one, fitted and held out, both foretold from sample
-    to sample: free runs of a loop that cycles part by themselves, with a play in it or not."""
-    bare = closed(found, scene.trials)
-    gains = [found.scaled(g.trials)[0] - bare.scaled(g.trials)[0] for g in (scene, held)]
-    return gains[0], gains[1]
+def beyond_prediction(found: Hypothesis, fitted: Scene, *others: Scene) -> list[float]:
+    """What the gap brings over the same company without one, on the recordings `fitted` and on `others`, both
+    foretold from sample to sample: free runs of a loop that cycles part by themselves, with a play in it or
+    not."""
+    bare = closed(found, fitted.trials)
+    return [found.scaled(g.trials)[0] - bare.scaled(g.trials)[0] for g in (fitted, *others)]
 
 
 def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
