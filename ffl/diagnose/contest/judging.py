@@ -322,8 +322,8 @@ def gaining(rivals: Sequence[Judged], base: Judged) -> list[Judged]:
 
 
 def borne_out(rival: Judged, base: Judged) -> bool:
-    """Whether the held-out recordings gain most of what the rival promises there, and clearly: numbers fitted
-    to noise lose as much on others as they promise."""
+    """Whether the held-out recordings gain most of what the rival promises there, and clearly: numbers
+    fitted to noise lose as much on others as they promise."""
     told = promise(rival.held_white, base.held_white)
     rival, base = levelled([rival, base])
     return told > CONFIRMS and rival.held_out - base.held_out > HALF * told

@@ -116,9 +116,9 @@ def louder_than_noise(base: Judged, rivals: Sequence[Judged]) -> list[Judged]:
     from itself by a thousand times that, or by hardly anything). What leaves less than `HALF` of the
     held-out sum of squares, where chance knows nothing of it, needs no such proof; nor what leaves next to
     nothing of y, whatever the noise that the structure in `base` asks for (17 times a motor's own, where
-    nobody stated it: friction that left a millionth of the held-out error was no louder); nor what is borne
-    out by held-out recordings (see `borne_out`: a spring beside a hysteresis that had stood for both brought
-    1,085 where noise as that left it brings 170, and 107 of the 153 it promised on what judges)."""
+    nobody stated it: friction that left a millionth of the held-out error was no louder); nor what
+    held-out recordings bear out (a spring beside a hysteresis that had stood for both brought 1,085 where
+    noise as that left it brings 170, and 107 of the 153 it promised on what judges)."""
     scene, model = base.scene, base.model
     machine, sent = model.judged_on(scene.trials)
     alike = imitated(machine.plant(), sent, scene.noise, np.random.default_rng(0))

@@ -209,9 +209,9 @@ def unexplained(scene: Scene, left: Sequence[Array], told: Model, prior: Noise) 
 
 
 def beyond_prediction(found: Hypothesis, fitted: Scene, *others: Scene) -> list[float]:
-    """What the gap brings over the same company without one, on the recordings `fitted` and on `others`, both
-    foretold from sample to sample: free runs of a loop that cycles part by themselves, with a play in it or
-    not."""
+    """What the gap brings over the same company without one, on the recordings `fitted` and on `others`,
+    both foretold from sample to sample: free runs of a loop that cycles part by themselves, with a play in
+    it or not."""
     bare = closed(found, fitted.trials)
     return [found.scaled(g.trials)[0] - bare.scaled(g.trials)[0] for g in (fitted, *others)]
 

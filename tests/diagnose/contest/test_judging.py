@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest import judging
-from ffl.diagnose.contest.judging import Judged, earns, effective, noise_error
+from ffl.diagnose.contest.judging import (
+    Judged,
+    borne_out,
+    earns,
+    effective,
+    judge,
+    noise_error,
+)
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.maps import unnamed
@@ -141,3 +148,16 @@ def test_what_noise_makes_of_a_free_run_at_most(stage, references):
     share = np.mean(np.array(made) > noise_error(scene, scene, 0.05))
     assert 0.01 < share < 0.1
     assert noise_error(None, scene, 0.05) == 0.0
+
+
+@pytest.mark.parametrize(("kept", "borne"), [(1.0, True), (0.3, False)])
+def test_held_out_recordings_bear_out_what_they_gain_most_of(stage, record, scenes, kept, borne):
+    """Numbers fitted to noise lose as much on others as they promise there."""
+    scene, held, model = scenes(record(stage))
+    base = judge(scene, held, model, 1)
+    white = np.random.default_rng(5).standard_normal(len(base.held_white))
+    effect = np.full(len(white), 0.3) * np.sign(np.sin(np.arange(len(white))))
+    missing = replace(base, held_white=white + kept * effect)
+    rival = replace(base, held_white=white + (kept - 1.0) * effect)
+    assert borne_out(rival, missing) is borne
+    assert not borne_out(missing, missing)

@@ -7,9 +7,11 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict import rattling as prediction
 from ffl.diagnose.predict import switching
 from ffl.diagnose.predict.joining import needed
 from ffl.diagnose.predict.moving import doubted, gap_at
@@ -309,3 +311,22 @@ def test_a_gap_must_say_something_where_all_other_numbers_are_free(plant, rattli
     assert found is not None
     assert not brings(found, scene)
     assert brings(*begun(rattling))
+
+
+def test_a_gap_that_brings_nothing_once_fitted_is_not_gone_on_with(
+    stage, record, scenes, monkeypatch
+):
+    """A guide that warms left much; beside friction the gap of the grid was ahead, and fitted 0.0."""
+    scene, held, model = scenes(record(stage))
+    outcome = Outcome(judge(scene, held, model, 1), [], held, {})
+    monkeypatch.setattr(prediction, "unexplained", lambda *_: True)
+    monkeypatch.setattr(prediction, "_mapped", lambda *_: False)
+    monkeypatch.setattr(prediction, "started", lambda *_: ("a gap", (1.0,)))
+    monkeypatch.setattr(prediction, "brings", lambda *_: True)
+    monkeypatch.setattr(prediction, "settled", lambda begun, *_: begun)
+    monkeypatch.setattr(prediction, "needed", lambda *_: pytest.fail("it was gone on with"))
+    monkeypatch.setattr(prediction, "beyond_prediction", lambda *_: [29.0])
+    assert prediction.with_rattling(scene, held, outcome, model, scene.noise) is outcome
+    monkeypatch.setattr(prediction, "beyond_prediction", lambda *_: [31.0])
+    with pytest.raises(pytest.fail.Exception):
+        prediction.with_rattling(scene, held, outcome, model, scene.noise)

@@ -253,3 +253,21 @@ def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatc
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.25)) == (best, free, [best])
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.31)) is None
     assert look(judged(1.0, 1.0, "asymmetric_friction", 0.21)) is None
+
+
+@pytest.mark.parametrize(("ahead", "led"), [((2000.0, 900.0), True), ((2000.0, 400.0), False)])
+def test_no_form_is_tried_where_free_runs_of_the_one_that_stands_are_far_ahead(
+    seen, monkeypatch, ahead, led
+):
+    scene, held, model = seen(SKEWED)
+    standing = judge(scene, held, model.with_effect(SKEWED), 1)
+    bare = judge(scene, held, model, 1)
+    asked = scene, held, standing, (model, model), (scene.noise,)
+
+    def free(standing, best, *_):  # type: ignore[no-untyped-def]
+        fitted, judging = dry_in_noise._worth(best)
+        return SimpleNamespace(score=fitted + judging + sum(ahead), held_out=judging + ahead[1])
+
+    monkeypatch.setattr(dry_in_noise, "_by_free_runs", free)
+    assert dry_in_noise._led_by_free_runs(*asked) is led
+    assert not dry_in_noise._led_by_free_runs(scene, held, bare, (model, model), (scene.noise,))
