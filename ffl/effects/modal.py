@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import warnings
 
 import numpy as np
 import scipy.linalg
@@ -81,9 +82,7 @@ def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
     n = slow.order
     block = np.eye(n + 1)
     block[:n, :n], block[:n, n:] = slow.a, slow.b
-    log = np.real(scipy.linalg.logm(block)) if n else np.zeros((1, 1))
-    # One Newton step on exp(L) = block: the logarithm of a defective matrix loses digits.
-    log = log + scipy.linalg.expm(-log) @ block - np.eye(n + 1)
+    log = _logarithm(block) if n else np.zeros((1, 1))
     log[n:] = 0.0
     a, b, c = log[:n, :n] / slow.sample_time, log[:n, n] / slow.sample_time, slow.c[0]
     feed = float(slow.d[0, 0])
@@ -102,6 +101,15 @@ def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
     if n == 2 * len(modes):
         rest = np.zeros(n)  # nothing but rounding is left
     return Mechanics(a, b, c, feed, ss.sample_time, delay, rest, modes, sign, slow, fast)
+
+
+def _logarithm(block: Array) -> Array:
+    """L with exp(L) = block, (n, n). That of a defective matrix loses digits, of which scipy warns; one
+    Newton step brings them back."""
+    with _LOCK, warnings.catch_warnings():  # filters are shared by all threads
+        warnings.filterwarnings("ignore", "logm result may be inaccurate", RuntimeWarning)
+        log = np.real(scipy.linalg.logm(block))
+    return log + scipy.linalg.expm(-log) @ block - np.eye(len(block))
 
 
 def _without_delay(system: Zpk | StateSpace) -> tuple[int, StateSpace]:

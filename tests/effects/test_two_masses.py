@@ -1,7 +1,10 @@
 """Points of a plant with a mode: motor side, load side, coupling; the mode as an effect."""
 
+import warnings
+
 import numpy as np
 import pytest
+import scipy.linalg
 from cases import STAGE, reference
 from two_masses import (
     DAMPER,
@@ -14,7 +17,7 @@ from two_masses import (
     two_mass_plant,
 )
 
-from ffl.effects import mechanics_of
+from ffl.effects import mechanics_of, modal
 from ffl.errors import InputError
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
@@ -236,3 +239,18 @@ def test_a_play_between_masses_that_are_all_heavier_is_a_play_under_less_command
     alone = simulator.run([play], None, COMMAND)
     for specs in ([play, heavier], [heavier, play]):
         assert worst(simulator.run(specs, None, 1.3 * COMMAND).y, alone.y) < 1e-9
+
+
+def test_digits_that_a_logarithm_loses_come_back_and_nobody_is_warned_of_them(monkeypatch):
+    """Warnings are errors here, scipy's of a logarithm that may be inaccurate as well."""
+    system = two_mass_plant("load").system
+    exact = modal.taken_apart(system)
+    real = scipy.linalg.logm
+
+    def rough(block):  # type: ignore[no-untyped-def]
+        warnings.warn("logm result may be inaccurate, approximate err = 1e-8", RuntimeWarning, 2)
+        return real(block) * (1.0 + 1e-8)
+
+    monkeypatch.setattr(scipy.linalg, "logm", rough)
+    again = modal.taken_apart(system)
+    np.testing.assert_allclose(again.a, exact.a, rtol=0, atol=1e-12 * np.abs(exact.a).max())
