@@ -102,6 +102,20 @@ def test_what_can_hardly_show_where_it_is_judged_must_be_clear_or_do_what_it_can
     assert earns(_judged(after, fitted, Further), _judged(before, 0.0, Further), 0.0) is earned
 
 
+@pytest.mark.parametrize(
+    ("promised", "shown", "earned"), [(600.0, 0.8, True), (1200.0, 0.4, False), (300.0, 0.9, False)]
+)
+def test_what_the_fitted_recordings_hardly_excite_may_be_told_by_those_that_judge(
+    monkeypatch, promised, shown, earned
+):
+    """71 nats of the 80 that a further effect must bring: a quarter less, and most of what it promises."""
+    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    before, after = _changed(promised, shown)
+    base, rival = _judged(before, 0.0, Further), _judged(after, 71.0, Further)
+    base.fit.white = np.zeros(20_000)
+    assert earns(rival, base, 0.0) is earned
+
+
 @pytest.mark.parametrize(("independent", "earned"), [(5.0, True), (float(SAMPLES), False)])
 def test_little_that_judges_asks_for_little(monkeypatch, independent, earned):
     """0.5 of log-likelihood is much of 5 independent samples of a slow residual, and nothing of 4,000."""
