@@ -42,9 +42,7 @@ LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
-LEAST = (
-    0.005  # of what friction brings: a true curve brings 0.03 to 0.07, one in a level's place 0.002
-)
+LEAST = 0.005  # of what friction brings: true curves brought 0.04 and 0.07, a false one 0.002
 LITTLE = 0.05  # of what friction brings: a true table brings a quarter more, one in a level's place 0.011
 FOOTING = 50.0  # nats a recording: more is no matter of where it begins
 
