@@ -19,7 +19,6 @@ import scipy.optimize
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import claims, effect_values, sizes
-from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -50,10 +49,12 @@ def two_for_two(
     for spec in (dry, *smooth):
         company = company.without(company.names.index(spec.name))
     near = []
-    pairs = [(company, pair) for pair in _pairs(quiet, model, dry, own)]
+    speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
+    usual = float(np.sqrt(np.mean(speed**2))) or 1.0
+    pairs = [(company, pair) for pair in _pairs(speed, usual, dry, own)]
     if smooth and dry.name == "asymmetric_friction" and LOAD not in model.names:
         corrections = {k: v for k, v in model.corrections.items() if k != "damping"}
-        pairs.append((replace(company, corrections=corrections), _with_load(quiet, model, dry)))
+        pairs.append((replace(company, corrections=corrections), _with_load(usual, dry)))
     for other, pair in pairs:
         for spec in pair:
             other = other.with_effect(spec)
@@ -71,11 +72,10 @@ def two_for_two(
 
 
 def _pairs(
-    quiet: Scene, model: Model, dry: EffectSpec, smooth: EffectSpec
+    speed: Array, usual: float, dry: EffectSpec, smooth: EffectSpec
 ) -> list[tuple[EffectSpec, EffectSpec]]:
-    """The pairs with the other smooth form, nearest to the same force over the speeds of `model`, at the
-    same places."""
-    speed, usual = _speeds(quiet, model)
+    """The pairs with the other smooth form, nearest to the same force over each `speed`, at the same
+    places; `usual`: the RMS speed."""
     power = {VISCOUS: 1.0, DRAG: 2.0}
     drawn = _dry(dry, speed) + smooth.parameters["coefficient"] * speed ** power[smooth.name]
     other = DRAG if smooth.name == VISCOUS else VISCOUS
@@ -92,12 +92,12 @@ def _pairs(
     return [(EffectSpec(form, values, options), beside) for form, values in forms.items()]
 
 
-def _with_load(quiet: Scene, model: Model, dry: EffectSpec) -> tuple[EffectSpec, EffectSpec]:
+def _with_load(usual: float, dry: EffectSpec) -> tuple[EffectSpec, EffectSpec]:
     """A Stribeck curve that ends at the mean of the levels by direction, and a load of half of what they
-    differ by, at the same place."""
+    differ by, at the same place; `usual`: the RMS speed."""
     options = {k: v for k, v in dry.options.items() if k in POINT}
     ways = dry.parameters["level_positive"], dry.parameters["level_negative"]
-    curve = _falling(0.5 * sum(ways), _speeds(quiet, model)[1])
+    curve = _falling(0.5 * sum(ways), usual)
     load = EffectSpec(LOAD, {"force": 0.5 * (ways[1] - ways[0])}, options)
     return EffectSpec("stribeck_friction", curve, options), load
 
@@ -109,12 +109,6 @@ def _falling(level: float, usual: float) -> dict[str, float]:
         "static_level": RISE * level,
         "stribeck_velocity": EARLY * usual,
     }
-
-
-def _speeds(quiet: Scene, model: Model) -> tuple[Array, float]:
-    """Those of `model`, of all recordings, and their RMS."""
-    speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
-    return speed, float(np.sqrt(np.mean(speed**2))) or 1.0
 
 
 def _dry(spec: EffectSpec, speed: Array) -> Array:

@@ -291,8 +291,8 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     if base.model.effects:  # the first one's imperfection must not be patched with a second
         drop = mean_square(base) / mean_square(rival)
         # A mode beside a lag brought 71 of these 87, and 1,480 on recordings that excite it.
-        judged = drop > CLEARLY and borne_out(rival, base)
-        if fitted < SHARE * len(base.fit.white) and not judged:
+        told_there = drop > CLEARLY and borne_out(rival, base)
+        if fitted < SHARE * len(base.fit.white) and not told_there:
             return False
         # Of the independent ones: slow misfit may leave 5 of 464, which could not bring 1.9 by any effect.
         share = SHARE * max(base.independent, rival.independent)

@@ -72,6 +72,8 @@ def with_dry_friction(
     told = replace(told, effects=company)
     begun = replace(told, corrections=standing.model.corrections)
     noises = (prior, partly_coloured(prior), standing.scene.noise)
+    if _led_by_free_runs(scene, held, standing, (told, begun), noises):
+        return outcome
     found = _clear(scene, held, standing, (told, begun), noises)
     if found is None:
         return outcome
@@ -101,8 +103,6 @@ def _clear(
     """The best form under that of the `noises` which suits it, `standing` by free runs beside it, and all
     forms; None where it is not clearly the likelier: than no friction and than free runs, or, where it is
     `alike`, which was, than no friction."""
-    if _led_by_free_runs(scene, held, standing, begun, noises):
-        return None
     plain, rivals = _forms(scene, held, begun, noises)
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):

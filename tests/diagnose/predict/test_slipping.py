@@ -199,35 +199,27 @@ def test_on_a_quiet_machine_free_runs_tell_the_form(seen, monkeypatch):
     assert with_dry_friction(scene, held, before, model, quiet) is before
 
 
-@pytest.mark.parametrize(("more", "table"), [(252.0, False), (2000.0, True)])
-def test_a_table_must_say_more_than_the_filter_errs_by(monkeypatch, more, table):  # type: ignore[no-untyped-def]
-    """Plain friction worth 21,717: a table that fits the filter's own error is 1.2 % ahead of it."""
-    monkeypatch.setattr(dry_in_noise, "credible", lambda judged: True)
-
-    def judged(score, *names):  # type: ignore[no-untyped-def]
-        model = SimpleNamespace(names=names, coordinates=range(len(names)))
-        return SimpleNamespace(score=score, model=model, fit=SimpleNamespace(white=np.zeros(16332)))
-
-    forms = [
-        judged(352515.5, "coulomb_friction"),
-        judged(352515.5 + more, "position_dependent_friction"),
-    ]
-    best = dry_in_noise._best(forms, judged(330798.8))
-    assert best is forms[table]
-
-
-@pytest.mark.parametrize(("more", "curve"), [(24.0, False), (900.0, True)])
-def test_a_curve_must_say_more_than_the_filter_errs_by(monkeypatch, more, curve):  # type: ignore[no-untyped-def]
-    """Plain friction worth 12,826: a Stribeck curve in its place brought 24 of that."""
+@pytest.mark.parametrize(
+    ("brought", "more", "form", "numbers", "taken"),
+    [
+        (21717.0, 252.0, "position_dependent_friction", 1, False),
+        (21717.0, 2000.0, "position_dependent_friction", 1, True),
+        (12826.0, 24.0, "stribeck_friction", 3, False),
+        (12826.0, 900.0, "stribeck_friction", 3, True),
+    ],
+)
+def test_another_form_must_say_more_than_the_filter_errs_by(  # type: ignore[no-untyped-def]
+    monkeypatch, brought, more, form, numbers, taken
+):
+    """A table that fits the filter's own error is 1.2 % ahead of plain friction, a Stribeck curve 0.2 %."""
     monkeypatch.setattr(dry_in_noise, "credible", lambda judged: True)
 
     def judged(score, name, numbers):  # type: ignore[no-untyped-def]
         model = SimpleNamespace(names=(name,), coordinates=range(numbers))
         return SimpleNamespace(score=score, model=model, fit=SimpleNamespace(white=np.zeros(16332)))
 
-    forms = [judged(12826.0, "coulomb_friction", 1), judged(12826.0 + more, "stribeck_friction", 3)]
-    best = dry_in_noise._best(forms, judged(0.0, "nothing", 0))
-    assert best is forms[curve]
+    forms = [judged(brought, "coulomb_friction", 1), judged(brought + more, form, numbers)]
+    assert dry_in_noise._best(forms, judged(0.0, "nothing", 0)) is forms[taken]
 
 
 def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatch):
