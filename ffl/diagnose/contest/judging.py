@@ -87,7 +87,7 @@ def judge(
     """Fits `model` under the scene's noise, then under its own, and scores it. The corrections'
     columns of the fit it is `like` save differences."""
     scene = with_clocks(scene, model, 1)
-    known = None if like is None else like.known(("correction", "given"))
+    known = None if like is None else like.shared(model)
     first = fit(scene, model, rounds=rounds, known=known)
     if scene.free_clocks and "drift" in first.model.names and first.status != "diverged":
         # What each recording shows goes with both numbers.

@@ -258,7 +258,7 @@ def _reached(
     lines: list[str] = []
     others = as_it_stands(current.model.effects[index], c)
     start = with_best_start(quiet, c, others)
-    begun = fit(quiet, start, rounds=4, known=c.like.known(("correction", "given")), goal=goal)
+    begun = fit(quiet, start, rounds=4, known=c.like.shared(start), goal=goal)
     other = judge(quiet, held, begun.model, 4, begun)
     least = current.score - HOPELESS * (current.score - without.score)
     if other.score > least:

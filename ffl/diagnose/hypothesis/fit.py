@@ -47,6 +47,23 @@ class Fit:
         keys = [c.key for c in self.model.coordinates]
         return {key: self.columns[:, k] for k, key in enumerate(keys) if key[0] in kinds}
 
+    def shared(self, other: Model) -> dict[Key, Array]:
+        """The columns that serve `other` for its first step: all of them for the same hypothesis; else
+        of what it has too and what an effect more or less changes little, which is corrections, the
+        plant file's own numbers, and levels at the same places of the same table, which are many."""
+        mine, theirs = self.model.effects, other.effects
+        if mine == theirs and dict(self.model.corrections) == dict(other.corrections):
+            return self.known()
+
+        def same(key: Key) -> bool:
+            kind, name, at, place = key
+            if kind != "effect" or place is None or at >= len(theirs):
+                return kind in ("correction", "given")
+            grids = (spec.parameters.get(name, {}).get("grid") for spec in (mine[at], theirs[at]))
+            return mine[at].name == theirs[at].name and len({tuple(g or ()) for g in grids}) == 1
+
+        return {key: column for key, column in self.known().items() if same(key)}
+
     @cached_property
     def freedom(self) -> int:
         """Numbers that the data see."""
@@ -137,13 +154,26 @@ def jacobian(
 
 
 def jacobian_along(
-    scene: Scene, model: Model, base: Sequence[Array], j: Array, white: Array
+    scene: Scene,
+    model: Model,
+    base: Sequence[Array],
+    columns: Array,
+    j: Array,
+    white: Array,
+    damping: float | None = None,
 ) -> Array:
-    """The columns of `jacobian` by differences along the principal directions of the last one, `j`:
-    what of them nearly cancels, where one number can undo what another does, is seen for itself."""
-    steps = principal_steps(j, white, model.theta, model.coordinates)
-    ends = each(lambda k: _difference(scene, model, base, steps[:, k]), range(len(steps)))
-    return np.linalg.solve(steps.T, np.column_stack(ends).T).T
+    """The `columns` of `jacobian`, `j` when whitened, brought up to date by differences along their
+    principal directions: what of them nearly cancels, where one number can undo what another does, is
+    seen for itself. With a `damping`, of many directions only along those that the step with it takes:
+    what moves the others is left as it was."""
+    steps = principal_steps(j, white, model.theta, model.coordinates, damping)
+    ends = each(lambda k: _difference(scene, model, base, steps[:, k]), range(steps.shape[1]))
+    sizes = lengths(j)
+    seen = np.isfinite(sizes) & (sizes > 0)
+    weighted = steps * np.where(seen, sizes, 1.0)[:, None] ** 2  # principal: steps' weighted is diagonal
+    known = np.where(seen, columns, 0.0)
+    new = np.column_stack(ends) - known @ steps
+    return known + new @ (weighted / np.sum(steps * weighted, axis=0)).T
 
 
 def _difference(scene: Scene, model: Runs, base: Sequence[Array], step: Array) -> Array:
@@ -210,7 +240,7 @@ def fit(
     factors, way = None, np.zeros(len(theta))
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
-    spent, last, stale = 0.0, float(white @ white), 0
+    spent, last, stale, due = 0.0, float(white @ white), 0, False
     while spent < rounds:
         if goal is not None and spent >= rounds - 1.0 and rounds < PATIENCE:
             cost = float(white @ white)
@@ -218,6 +248,9 @@ def fit(
                 break
             rounds, last = rounds + 4, cost
         spent += 1.0
+        if due:
+            columns = jacobian_along(scene, model, residuals, columns, j, white, damping)
+            j, fresh, due = scene.whiten_stacked(columns), True, False
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         factors = factors or triangle(j, white)
         step, promised = damped(*factors, damping, theta, lower, upper, pull, units)
@@ -225,7 +258,7 @@ def fit(
             if fresh or promised < 0.1 * tolerance:
                 status = "converged"
                 break
-            columns = jacobian_along(scene, model, residuals, j, white)
+            columns = jacobian_along(scene, model, residuals, columns, j, white)
             j, fresh, factors = scene.whiten_stacked(columns), True, None
             continue
         trial_theta = np.clip(theta + step, lower, upper)
@@ -252,13 +285,13 @@ def fit(
             way = moved
             damping = max(0.2 * damping, LEAST_DAMPING) if ratio > 0.5 else 2.0 * damping
             stale = 0 if fresh else stale + 1
-            if ratio > 0.7 and not (stale >= STALE and gained < SLOW * (white @ white)):
+            good = ratio > 0.7 and not (stale >= STALE and gained < SLOW * (white @ white))
+            due = not good and gained > tolerance
+            if good or due:
                 j, columns = j + np.outer(change, secant), columns + np.outer(raw, secant)
                 fresh = False
-            elif gained > tolerance:
+            if due:
                 model, residuals, white = _resettled(scene, model, residuals, white)
-                columns = jacobian_along(scene, model, residuals, j, white)
-                j, fresh = scene.whiten_stacked(columns), True
         elif fresh:
             damping = max(damping * 10.0, 1e-3)
             spent -= 1.0 - ASTRAY
@@ -266,7 +299,7 @@ def fit(
                 status = "stalled"
                 break
         else:
-            columns = jacobian_along(scene, model, residuals, j, white)
+            columns = jacobian_along(scene, model, residuals, columns, j, white, damping)
             j, fresh, factors = scene.whiten_stacked(columns), True, None
     return Fit(model, white, j, columns, status)
 

@@ -21,6 +21,8 @@ ALIGNED = 0.8  # cosine from which two steps in a row go the same way
 PROBE = 0.1  # of the root sum of squares that is left, by which a difference moves the prediction
 WIDEST = 5.0  # usual difference steps of any one number
 FARTHEST = 6  # doublings of a step
+FEW = 12  # principal directions that are all looked along
+TELLING = 0.9  # of a step, and of what it promises: what the directions looked along make of it
 
 
 def damped(
@@ -55,28 +57,50 @@ def damped(
 
 
 def principal_steps(
-    j: Array, white: Array, theta: Array, coordinates: Sequence[Coordinate]
+    j: Array,
+    white: Array,
+    theta: Array,
+    coordinates: Sequence[Coordinate],
+    damping: float | None = None,
 ) -> Array:
     """Steps (p, p), in columns, along the principal directions of `j` in units of its columns, each of
     which moves the prediction by `PROBE` of what is left, `white`: far enough for kinks to even out,
     near enough for one step to go that way. No number moves by more than `WIDEST` of its usual steps,
-    and what the data do not see moves by one of its own."""
+    and what the data do not see moves by one of its own. With a `damping`, of more than `FEW` only those
+    that make up the step with it (p, m)."""
     usual = np.array([c.step for c in coordinates])
     lower, upper = (np.array([getattr(c, k) for c in coordinates]) for k in ("lower", "upper"))
     sizes = lengths(j)
     seen = np.isfinite(sizes) & (sizes > 0)
-    steps = np.diag(usual)
+    steps, chosen = np.diag(usual), np.ones(len(theta), dtype=bool)
     if np.any(seen):
-        r, _ = triangle(j[:, seen] / sizes[seen], white)
-        _, values, across = np.linalg.svd(r)
+        r, left = triangle(j[:, seen] / sizes[seen], white)
+        out, values, across = np.linalg.svd(r)
         along = across.T / sizes[seen][:, None]
         reach = PROBE * np.linalg.norm(white) / np.maximum(values, 1e-12)
         most = WIDEST / np.max(np.abs(along) / usual[seen][:, None], axis=0)
         steps[np.ix_(seen, seen)] = along * np.minimum(reach, most)
+        if damping is not None and len(theta) > FEW:
+            chosen[:] = False
+            chosen[seen] = _telling(values, out.T @ left, damping)
     for k in range(len(theta)):
         ahead = np.all((theta + steps[:, k] <= upper) & (theta + steps[:, k] >= lower))
         steps[:, k] *= 1.0 if ahead else -1.0
-    return steps
+    return steps[:, chosen]
+
+
+def _telling(values: Array, seen: Array, damping: float) -> Array:
+    """Which singular directions make up `TELLING` of the damped step's length and of what it promises:
+    with s and g = u'white of each, s g/(s^2 + d) and g^2 (1 - (d/(s^2 + d))^2)."""
+    kept = values**2 / np.maximum(values**2 + damping, 1e-300)
+    length = (kept * seen / np.maximum(values, 1e-12)) ** 2
+    promise = seen**2 * (1.0 - (1.0 - kept) ** 2)
+    chosen = np.zeros(len(values), dtype=bool)
+    for share in (length, promise):
+        order = np.argsort(share)[::-1]
+        enough = np.cumsum(share[order]) >= TELLING * np.sum(share)
+        chosen[order[: 1 + int(np.argmax(enough))]] = True
+    return chosen
 
 
 def aligned(step: Array, before: Array, sizes: Array) -> bool:

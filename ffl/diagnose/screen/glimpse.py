@@ -37,7 +37,7 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
 
     def begun(c: Candidate) -> Fit:
         start = with_best_start(quiet, c)
-        known = c.like.known(("correction", "given"))
+        known = c.like.shared(start)
         return fit(with_clocks(quiet, start, 1), start, rounds=GLIMPSE, known=known)
 
     fits = each(begun, entrants)
