@@ -20,6 +20,9 @@ from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
 
 
+NO_CHANCE = 0.005  # confidence
+
+
 @dataclass(frozen=True)
 class Finding:
     """One effect of the answer."""
@@ -32,6 +35,11 @@ class Finding:
     p_value: float | None
     says: str
     alternatives: tuple[tuple[str, float], ...]
+
+    @property
+    def rivals(self) -> tuple[tuple[str, float], ...]:
+        """The alternatives that are more than a formality: what rounds to no per cent is excluded."""
+        return tuple((name, p) for name, p in self.alternatives if p >= NO_CHANCE)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from ffl.effects.presliding_friction import PreslidingFriction
 from ffl.effects.quadratic_drag import QuadraticDrag
 from ffl.effects.saturation import Saturation
 from ffl.effects.sensor_bend import SensorBend
+from ffl.effects.sensor_lead import SensorLead
 from ffl.effects.sensor_nonlinearity import SensorNonlinearity
 from ffl.effects.slew_limit import SlewLimit
 from ffl.effects.spill import Spill
@@ -71,6 +72,7 @@ EFFECTS: dict[str, Effect] = {
         EncoderRipple(),
         SensorNonlinearity(),
         SensorBend(),
+        SensorLead(),
         PeriodicDisturbance(),
         Drift(),
         Outflow(),

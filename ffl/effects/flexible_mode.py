@@ -33,7 +33,7 @@ class FlexibleMode(Effect):
     depends_on = ("acceleration", "time")
     ladder = ("mass_fraction", np.geomspace(0.2, 5.0, 5))
     valleys = "frequency"  # a line; what is slow is seen from far away and is another's
-    siblings = ("mass_change", "actuator_lag", "input_delay")
+    siblings = ("mass_change", "actuator_lag", "input_delay", "sensor_lead")
     options = {"measured": ("motor", "load")}  # noqa: RUF012
     sides = ("sensor", "motor")
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ffl.diagnose import Diagnosis, diagnose
 from ffl.diagnose.proof.advise import Experiment
+from ffl.diagnose.result import NO_CHANCE
 from ffl.effects import EFFECTS
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
@@ -82,7 +83,7 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         numbers = [_with_error(k, n, own.parameter(k).is_place) for k, n in known.items()]
         if numbers:
             print(f"    {', '.join(numbers)}")
-        for rival in e["alternatives"]:
+        for rival in (r for r in e["alternatives"] if r["confidence"] >= NO_CHANCE):
             print(f"    or {rival['name']} ({rival['confidence']:.2f})")
     for c in answer["model_corrections"]:
         said = (
@@ -197,8 +198,8 @@ def _overview(page: Page, d: Diagnosis) -> None:
             levels = f.parameters["table"]
             draw.friction_table(ax, levels.value, levels.unit, d.plant.output_unit)
             page.figure(figure, "Friction over position", "Levels of dry friction by direction.")
-        if f.alternatives:
-            rivals = ", ".join(f"{name} ({p:.2f})" for name, p in f.alternatives)
+        if f.rivals:
+            rivals = ", ".join(f"{name} ({p:.2f})" for name, p in f.rivals)
             page.text(f"Rivals that cannot be excluded: {rivals}.")
     if d.corrections:
         page.heading("Corrections of the linear model")
@@ -238,8 +239,10 @@ def _where(page: Page, d: Diagnosis) -> None:
     if d.place.formula:
         page.note(f"The simplest formula for what has no name: {d.place.formula}.", "good")
     if d.place.linear_share is not None:
-        share = 100 * d.place.linear_share
-        page.text(f"{share:.0f} % of the mismatch goes linearly with what drives the machine.")
+        page.text(
+            f"Coherence of the mismatch with what drives the machine: {d.place.linear_share:.2f} (1 where it "
+            "goes linearly with it; slow moves in short windows read lower)."
+        )
     if d.place.states:
         page.table(
             ["while the machine is in", "power of the mismatch"],

@@ -64,6 +64,7 @@ SMALL = {
     ),
     "mass_change": ({"change": 1e-5}, {}),
     "encoder_ripple": ({"amplitude": 1e-9, "period": 0.004, "phase": 1.0}, {"period": 0.004}),
+    "sensor_lead": ({"lead": 1e-7}, {}),
     "sensor_nonlinearity": (
         {"kind": "clipping", "level": 0.0271},
         {"kind": "clipping", "level": 0.0271},
@@ -322,7 +323,7 @@ PLACES = {
         "actuator_lag",
     ),
     "transmission": ("backlash",),
-    "sensor": ("encoder_ripple", "sensor_nonlinearity", "sensor_bend"),
+    "sensor": ("encoder_ripple", "sensor_nonlinearity", "sensor_bend", "sensor_lead"),
     "environment": ("constant_load", "periodic_disturbance", "drift"),
 }
 

@@ -33,6 +33,7 @@ from ffl.diagnose.contest.settle import (
     settle,
 )
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
+from ffl.diagnose.hypothesis.coordinate import slightest
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, places_of
@@ -43,22 +44,18 @@ TIE = 4.0  # score that a simpler name may cost
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
-LATE = {"input_delay": "delay", "actuator_lag": "time_constant"}
+LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
     "stribeck_friction": ("static_level", "coulomb_level"),
     "asymmetric_friction": ("level_positive", "level_negative"),
 }
-TENTH = 0.1  # of a sample: the contract's line
-# The same of a linear part that was identified: its zeros came from recordings that the missing physics
-# bent, and they hold what a delay within one sample does.
-IDENTIFIED = 1.0
 
 
 def slight(spec: EffectSpec, plant: Plant) -> bool:
-    """A delay or lag below a tenth of a sample (below a sample where the model was identified): a
+    """A delay, lag or lead below a tenth of a sample (below a sample where the model was identified): a
     correction of the model, not physics it lacks."""
-    name, line = LATE.get(spec.name), IDENTIFIED if plant.is_identified else TENTH
-    return name is not None and float(spec.parameters[name]) < line * plant.sample_time
+    name = LATE.get(spec.name)
+    return name is not None and float(spec.parameters[name]) < slightest(plant)
 
 
 def crosses(scene: Scene, judged: Judged) -> bool:

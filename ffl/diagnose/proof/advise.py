@@ -41,6 +41,7 @@ ENOUGH = 5.0  # standard deviations that tell two hypotheses apart
 SHRINKS = 6  # halvings of an experiment whose command leaves the range seen
 ROOM = 1.05  # of the range of the command seen
 DOUBT = 0.03  # probability of a rival from which it is worth an experiment
+SHARPER = 1.1  # fold: an experiment that takes no more off a standard error is not worth its run
 SHARP = 0.05  # relative standard error above which a parameter is worth an experiment
 UNSEEN = 1e60  # spread that stands for infinite: of numbers that the data do not see at all
 
@@ -283,4 +284,5 @@ def _vaguest(scene: Scene, standing: Fit) -> Experiment | None:
     if index < 0:
         return None
     c = standing.model.coordinates[index]
-    return sharpen(scene, standing, index, f"{standing.model.names[c.effect]}.{c.name}")
+    best = sharpen(scene, standing, index, f"{standing.model.names[c.effect]}.{c.name}")
+    return best if best is not None and best.separation > SHARPER else None

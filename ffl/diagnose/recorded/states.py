@@ -37,18 +37,21 @@ class State:
 
 
 def linear_share(scene: Scene, residuals: Sequence[Array]) -> float | None:
-    """Share of the residual's power that goes linearly with the reference (the command in open loop):
-    coherence, weighted by power; None where there is too little to tell."""
+    """Coherence of the residual with the reference (the command in open loop), weighted by the residual's
+    power: 1 where it goes linearly with it. Of the differences of both, whose power leaks less from one
+    frequency to the next; None where there is too little to tell."""
     drive = [t.reference if np.ptp(t.reference) > 0 else t.feedforward for t in scene.trials]
     n = max(64, min(len(e) for e in residuals) // SEGMENTS)
-    cross, first, second, count = 0.0, 0.0, 0.0, 0
+    cross, first, second, power, count = 0.0, 0.0, 0.0, 0.0, 0
     for r, e in zip(drive, residuals, strict=True):
         if np.ptp(r) <= 0:
             continue
         options = {"nperseg": n, "detrend": "constant"}
-        cross = cross + scipy.signal.csd(r, e, **options)[1] * len(e)
-        first = first + scipy.signal.welch(r, **options)[1] * len(e)
-        second = second + scipy.signal.welch(e, **options)[1] * len(e)
+        steps, changes = np.diff(r), np.diff(e)
+        cross = cross + scipy.signal.csd(steps, changes, **options)[1] * len(e)
+        first = first + scipy.signal.welch(steps, **options)[1] * len(e)
+        second = second + scipy.signal.welch(changes, **options)[1] * len(e)
+        power = power + scipy.signal.welch(e, **options)[1] * len(e)
         count += len(e) // n
     if count < 4 or np.ndim(first) == 0:
         return None
@@ -56,7 +59,7 @@ def linear_share(scene: Scene, residuals: Sequence[Array]) -> float | None:
     honest = np.clip(
         (squared - 1.0 / count) / (1.0 - 1.0 / count), 0.0, 1.0
     )  # bias of few segments
-    return float(np.sum(honest * second) / np.sum(second))
+    return float(np.sum(honest * power) / np.sum(power))
 
 
 def states(white: Array, motions: Sequence[Motion]) -> tuple[State, ...]:

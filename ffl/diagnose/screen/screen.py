@@ -56,6 +56,7 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "input_delay",
     "actuator_lag",
     "flexible_mode",
+    "sensor_lead",
 )
 VALLEYS = 3  # beside the best that a simulation looks into
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
@@ -74,6 +75,7 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 
 
 BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
+LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
 INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no mass to part
 
 
@@ -225,6 +227,7 @@ class Screen:
         return catalogue([(self, EFFECTS if names is None else names)])[0]
 
     def places(self, effect: Effect) -> list[Place]:
+        mechanics = self.model.simulator.mechanics
         if effect.port == "flow":
             return flow_places(self.model, effect)
         if effect.of_processes and not self.model.base.is_process:
@@ -233,15 +236,17 @@ class Screen:
             return []
         if effect.port == "command" and "position" in effect.depends_on:
             return drive_places(self.model)
+        if effect.name in LEADING and (mechanics.place is not None or not mechanics.modes):
+            return []  # the acceleration of what is measured as a speed is no motion of a point
         if effect.port != "force":
             return [Place(effect.port)]
-        if effect.needs_mass and not self.model.simulator.mechanics.modes:
+        if effect.needs_mass and not mechanics.modes:
             return []  # one lag moves no mass
         if effect.name in INERTIAL and self.model.base.is_process:
             return []
         if effect.name == "mass_change" and mass_is_corrected(self.model):
             return []
-        if self.model.simulator.mechanics.place is not None and effect.name in ABSOLUTE:
+        if mechanics.place is not None and effect.name in ABSOLUTE:
             return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)
         kept = [p for p in out if p.side in effect.sides]

@@ -60,7 +60,7 @@ def test_who_takes_off_little_of_a_large_sum_has_a_say_by_likelihood(monkeypatch
     scene = SimpleNamespace(
         residuals=lambda model: "nothing", whiten=lambda left: np.full(10, 10.0)
     )
-    like = SimpleNamespace(known=lambda kinds: None)
+    like = SimpleNamespace(shared=lambda model: None)
     entrants = [Candidate(EffectSpec(name, {}), 1.0, 1, Place("force"), like) for name in squares]
     chosen = glimpse.promising(scene, SimpleNamespace(model=None), entrants)
     assert [f.model.names[-1] for f in chosen] == ["cogging", "dead_zone"]
