@@ -19,7 +19,6 @@ from ffl.diagnose.transmission.result import Transmission
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
 
-
 NO_CHANCE = 0.005  # confidence
 
 

@@ -36,4 +36,4 @@ class SensorLead(Effect):
 
     def says(self, values: Parameters, plant: Plant) -> str:
         samples = values["lead"] / plant.sample_time
-        return f"y is ahead of the model by {values['lead'] * 1e3:.4g} ms ({samples:.3g} samples)."
+        return f"The sensor is ahead of the model by {values['lead'] * 1e3:.4g} ms ({samples:.3g} samples)."

@@ -240,8 +240,8 @@ def _where(page: Page, d: Diagnosis) -> None:
         page.note(f"The simplest formula for what has no name: {d.place.formula}.", "good")
     if d.place.linear_share is not None:
         page.text(
-            f"Coherence of the mismatch with what drives the machine: {d.place.linear_share:.2f} (1 where it "
-            "goes linearly with it; slow moves in short windows read lower)."
+            f"Coherence of the mismatch with what drives the machine: {d.place.linear_share:.2f} (1 where "
+            "it goes linearly with it; slow moves in short windows read lower)."
         )
     if d.place.states:
         page.table(

@@ -86,6 +86,18 @@ def test_mass_beyond_two_per_cent_is_an_effect_and_below_a_correction(stage, rec
     assert masses == [pytest.approx(0.01, abs=0.002)]
 
 
+@pytest.mark.parametrize("lead", [2e-5, 9e-5])
+def test_a_lead_below_a_tenth_of_a_sample_is_a_correction(stage, record, lead):  # type: ignore[no-untyped-def]
+    """The sensor is read that much after the sample: as much as a simulation that steps speed before
+    position makes of it, and was told as a map of velocity."""
+    ahead = (EffectSpec("sensor_lead", {"lead": lead}),)
+    answer = _answer(stage, record, effects=ahead).answer()
+    assert (answer["verdict"], answer["effects"]) == ("nothing_missing", [])
+    (told,) = [c for c in answer["model_corrections"] if c["name"] == "sensor_lead"]
+    assert told["relative"] == pytest.approx(lead / stage.sample_time, rel=0.1)
+    assert told["unit"] == "samples"
+
+
 def test_corrections_are_modal_and_leave_the_nominal_alone(stage):  # type: ignore[no-untyped-def]
     mechanics = mechanics_of(stage.system)
     assert [c.name for c in corrections_of(mechanics)] == ["mass", "damping"]

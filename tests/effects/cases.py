@@ -197,6 +197,11 @@ ORACLE = {
         Case(sense=lambda x, memory: min(max(x, -0.01), 0.01)),
         1e-12,
     ),
+    "sensor_lead": (
+        {"lead": 8e-5},
+        Case(sense=lambda x, memory: x + 8e-5 * memory["v"]),
+        1e-11,
+    ),
     "sensor_bend": (
         {"level": 0.012, "ratio": 1.9},
         Case(sense=lambda x, memory: x if x < 0.012 else 0.012 + 1.9 * (x - 0.012)),

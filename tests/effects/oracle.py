@@ -48,6 +48,7 @@ def run(case: Case, reference: np.ndarray, closed: bool = True) -> np.ndarray:
     state, memory, control = np.zeros(2 + case.states), {}, 0.0
     stuck = True
     for k in range(n):
+        memory["v"] = state[1]
         y[k] = case.sense(state[0], memory)
         u[k], control = lead(reference[k] - y[k], control) if closed else (reference[k], 0.0)
         pieces = [(0.0, 1.0, case.late)]

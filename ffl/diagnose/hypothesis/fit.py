@@ -170,7 +170,9 @@ def jacobian_along(
     ends = each(lambda k: _difference(scene, model, base, steps[:, k]), range(steps.shape[1]))
     sizes = lengths(j)
     seen = np.isfinite(sizes) & (sizes > 0)
-    weighted = steps * np.where(seen, sizes, 1.0)[:, None] ** 2  # principal: steps' weighted is diagonal
+    weighted = (
+        steps * np.where(seen, sizes, 1.0)[:, None] ** 2
+    )  # principal: steps' weighted is diagonal
     known = np.where(seen, columns, 0.0)
     new = np.column_stack(ends) - known @ steps
     return known + new @ (weighted / np.sum(steps * weighted, axis=0)).T

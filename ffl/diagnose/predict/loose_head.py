@@ -33,7 +33,7 @@ from ffl.diagnose.predict.joining import (
     joined,
     proven,
 )
-from ffl.diagnose.predict.moving import doubted, gap_at, moved
+from ffl.diagnose.predict.moving import doubted, gap_at, moved, vague
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
 from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, unexplained
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
@@ -93,6 +93,8 @@ def with_loose_head(
     if min(gains) < CLEAR:
         return outcome
     judged = replace(judged, fit=doubted(judged.fit, found, trials, JUMPS))
+    if vague(judged.model, judged.spread):
+        return outcome
     name = (*before.model.names, "nothing")[0]
     contenders = {
         "backlash": [("backlash", judged), (name, before)],

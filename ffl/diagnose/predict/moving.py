@@ -74,6 +74,13 @@ def doubted(fit: Fit, point: Told, trials: Sequence[Trial], rough: float) -> Fit
     return replace(fit, jacobian=columns, columns=columns)
 
 
+def vague(model: Model, spread: Array) -> bool:
+    """Whether the play is no wider than its standard error, `spread` (p,) being all numbers': something is
+    foretold, but by no gap. (An encoder that loses counts: 35 +- 65 um.)"""
+    at = gap_at(model)
+    return not spread[at] < (1.0 if model.coordinates[at].log else model.theta[at])
+
+
 def units(point: Told) -> Array:
     """By what a move is measured: the gap itself, a unit of logarithms and of the mass, else a scale."""
     sizes = [1.0 if c.log else c.scale for c in point.model.coordinates]

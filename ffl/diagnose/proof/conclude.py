@@ -43,6 +43,7 @@ SHORTEST = 200  # samples: fewer cannot tell physics from noise
 # Times the held-out nrmse before: names that leave more are not said. Where no noise is stated, all that
 # is left passes for noise, and names that leave no less have shown nothing.
 WORSE = 1.2
+RIGHTED = 0.5  # of the held-out error: what a right unit leaves at most
 IMPLAUSIBLE = 5.0  # times a mass or a gain: no machine is so far from its model, but a unit may be
 MOST = (
     0.5  # of the nrmse before: where no noise is stated, nobody knows that more than this is noise
@@ -138,12 +139,16 @@ def conclude(
         said = "inconclusive"
         place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
     off = times_as_much(standing) if said != "unnamed" else 1.0
-    mistaken = not 1.0 / IMPLAUSIBLE < off < IMPLAUSIBLE
-    if mistaken:
+    implausible = not 1.0 / IMPLAUSIBLE < off < IMPLAUSIBLE
+    # A wrong unit is most of the mismatch; a mass that runs off and leaves it stands for nothing.
+    mistaken = implausible and not (trusted and proof.nrmse_after > RIGHTED * proof.nrmse_before)
+    if implausible:
         said = "inconclusive"
         place = where.Place(
             "plant", f"the plant's gain or a unit: {off:.4g} times as much per u", ()
         )
+    if implausible and not mistaken:
+        place = where.Place("", "what was fitted is no machine, and explains nothing", ())
     if said == "inconclusive" or (said == "unnamed" and proof.nrmse_after > proof.nrmse_before):
         # Nothing is claimed, no file holds it. (In one stood a dead zone of 43 N m and 62 % less mass.)
         augmented, proof = model, proof.withdrawn

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from ffl.diagnose.hypothesis.fit import fit, jacobian
+from ffl.diagnose.hypothesis import fit as fitting
+from ffl.diagnose.hypothesis.coordinate import Coordinate
+from ffl.diagnose.hypothesis.fit import fit, jacobian, jacobian_along
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.stepping import aligned, principal_steps
 from ffl.systems.plant import EffectSpec
@@ -26,6 +30,57 @@ def test_principal_steps_move_the_prediction_alike(stage, record, scenes):
     assert np.abs(across).max() < 1e-6  # orthogonal in what they change
     usual = np.array([c.step for c in model.coordinates])
     assert np.all(np.abs(steps) <= 5.0 * usual[:, None] * (1 + 1e-9))
+
+
+@pytest.fixture
+def many():  # type: ignore[no-untyped-def]
+    """(model of twenty numbers, their columns, what is left) that a few directions explain."""
+    rng = np.random.default_rng(0)
+    columns = rng.standard_normal((200, 20)) @ rng.standard_normal((20, 20))
+    left = columns @ rng.standard_normal(20) + 0.1 * rng.standard_normal(200)
+    coordinates = [Coordinate("effect", f"c{k}") for k in range(20)]
+    return SimpleNamespace(theta=np.zeros(20), coordinates=coordinates), columns, left
+
+
+def test_of_many_directions_only_those_of_the_step_are_looked_along(many):  # type: ignore[no-untyped-def]
+    model, j, white = many
+    steps = principal_steps(j, white, model.theta, model.coordinates, 1e-4)
+    assert 1 <= steps.shape[1] < 20
+    size = np.linalg.norm(j, axis=0)
+    stacked = np.vstack([j / size, 1e-2 * np.eye(20)])
+    step = np.linalg.lstsq(stacked, np.append(white, np.zeros(20)), rcond=None)[0]
+    ways = np.linalg.qr(steps * size[:, None])[0]
+    assert np.linalg.norm(ways.T @ step) ** 2 > 0.9 * np.linalg.norm(step) ** 2
+    assert principal_steps(j, white, model.theta, model.coordinates).shape == (20, 20)
+    few = principal_steps(j[:, :12], white, np.zeros(12), model.coordinates[:12], 1e-4)
+    assert few.shape == (12, 12)
+
+
+def test_columns_are_brought_up_to_date_along_what_is_looked_along(many, monkeypatch):  # type: ignore[no-untyped-def]
+    """Of a linear machine, from columns that are off by up to a half: all directions give its columns,
+    some give what the steps along them do."""
+    model, right, white = many
+    monkeypatch.setattr(fitting, "_difference", lambda scene, model, base, step: right @ step)
+    off = right * np.linspace(0.5, 1.5, 20)
+    whole = jacobian_along(None, model, [], off, off, white)
+    np.testing.assert_allclose(whole, right, atol=1e-9 * np.abs(right).max())
+    part = jacobian_along(None, model, [], off, off, white, 1e-4)
+    steps = principal_steps(off, white, model.theta, model.coordinates, 1e-4)
+    np.testing.assert_allclose(part @ steps, right @ steps, atol=1e-9)
+    assert np.abs(part - right).max() > 1e-3  # the rest is as it was
+
+
+def test_levels_of_a_table_keep_their_columns_beside_another_effect(stage, record, scenes):
+    scene, _, model = scenes(record(stage))
+    table = {"grid": [-0.06, 0.06], "positive": [2.0, 2.0], "negative": [1.5, 1.5]}
+    spec = EffectSpec("position_dependent_friction", {"level": 1.75, "table": table})
+    found = fit(scene, model.with_effect(spec), rounds=0)
+    beside = found.model.with_effect(EffectSpec("constant_load", {"force": 0.1}))
+    assert len(found.shared(beside)) == len(found.model.coordinates)
+    finer = replace(spec, parameters={**spec.parameters, "table": {**table, "grid": [-0.06, 0.05]}})
+    assert {key[0] for key in found.shared(model.with_effect(finer))} == {"correction"}
+    assert {key[0] for key in found.shared(model)} == {"correction"}
+    assert len(found.shared(found.model)) == len(found.model.coordinates)
 
 
 def test_steps_that_leave_the_bounds_turn_round(stage, record, scenes):

@@ -323,10 +323,21 @@ def test_a_gap_that_brings_nothing_once_fitted_is_not_gone_on_with(
     monkeypatch.setattr(prediction, "_mapped", lambda *_: False)
     monkeypatch.setattr(prediction, "started", lambda *_: ("a gap", (1.0,)))
     monkeypatch.setattr(prediction, "brings", lambda *_: True)
-    monkeypatch.setattr(prediction, "settled", lambda begun, *_: begun)
+    monkeypatch.setattr(prediction, "settled", lambda *_: "fitted")
     monkeypatch.setattr(prediction, "needed", lambda *_: pytest.fail("it was gone on with"))
-    monkeypatch.setattr(prediction, "beyond_prediction", lambda *_: [29.0])
-    assert prediction.with_rattling(scene, held, outcome, model, scene.noise) is outcome
-    monkeypatch.setattr(prediction, "beyond_prediction", lambda *_: [31.0])
-    with pytest.raises(pytest.fail.Exception):
-        prediction.with_rattling(scene, held, outcome, model, scene.noise)
+
+    def goes_on(beyond: float, before: float, after: float) -> bool:
+        ahead = {"a gap": before, "fitted": after}
+        monkeypatch.setattr(prediction, "beyond_prediction", lambda *_: [beyond])
+        monkeypatch.setattr(prediction, "behind", lambda h, *by: ahead[h] < -sum(by[2:]))
+        try:
+            found = prediction.with_rattling(scene, held, outcome, model, scene.noise)
+        except pytest.fail.Exception:
+            return True
+        assert found is outcome
+        return False
+
+    assert goes_on(31.0, -999.0, 1.0)
+    assert not goes_on(29.0, 0.0, 1.0)
+    assert not goes_on(31.0, -1001.0, 1.0)  # far behind what stands before it is fitted
+    assert not goes_on(31.0, 0.0, -1.0)  # and behind it after that
