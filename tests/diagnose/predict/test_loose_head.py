@@ -16,6 +16,7 @@ from ffl.diagnose.predict.clipped import _behind_play, _side
 from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
 from ffl.diagnose.predict.loose_head import able, regapped, spared, start, with_loose_head
+from ffl.diagnose.predict.moving import vague
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -185,3 +186,13 @@ def test_a_play_is_spared_where_what_was_named_foretells_better_and_no_play_besi
     assert not spared(
         Slip(replace(told, effects=(PLAY,)), NOISE), scene, replace(told, effects=(SPRING,))
     )
+
+
+@pytest.mark.parametrize(("error", "says"), [(0.5, False), (1.5, True)])
+def test_a_play_no_wider_than_its_error_is_no_play(seen, error, says):
+    """An encoder that loses counts is foretold by a play of 35 +- 65 um."""
+    model = seen()[2].with_effect(PLAY)
+    spread = np.zeros(len(model.theta))
+    at = [c.name for c in model.coordinates].index("gap")
+    spread[at] = error * (1.0 if model.coordinates[at].log else GAP)
+    assert vague(model, spread) is says
