@@ -11,7 +11,7 @@ import numpy as np
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Runs, Scene, is_far
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.stepping import aligned, damped, further_on, principal_steps
+from ffl.diagnose.hypothesis.stepping import FEW, aligned, damped, further_on, principal_steps
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.noise.colour import colouring
 from ffl.systems.loop import Loop
@@ -48,12 +48,10 @@ class Fit:
         return {key: self.columns[:, k] for k, key in enumerate(keys) if key[0] in kinds}
 
     def shared(self, other: Model) -> dict[Key, Array]:
-        """The columns that serve `other` for its first step: all of them for the same hypothesis; else
-        of what it has too and what an effect more or less changes little, which is corrections, the
-        plant file's own numbers, and levels at the same places of the same table, which are many."""
+        """The columns that serve `other` for its first step: of what it has too and what an effect more or
+        less changes little, which is corrections, the plant file's own numbers, and levels at the same
+        places of the same table, which are many."""
         mine, theirs = self.model.effects, other.effects
-        if mine == theirs and dict(self.model.corrections) == dict(other.corrections):
-            return self.known()
 
         def same(key: Key) -> bool:
             kind, name, at, place = key
@@ -242,7 +240,8 @@ def fit(
     factors, way = None, np.zeros(len(theta))
     lower = np.array([c.lower for c in model.coordinates])
     upper = np.array([c.upper for c in model.coordinates])
-    spent, last, stale, due = 0.0, float(white @ white), 0, False
+    spent, last, stale = 0.0, float(white @ white), 0
+    many, due = len(theta) > FEW, False
     while spent < rounds:
         if goal is not None and spent >= rounds - 1.0 and rounds < PATIENCE:
             cost = float(white @ white)
@@ -288,12 +287,16 @@ def fit(
             damping = max(0.2 * damping, LEAST_DAMPING) if ratio > 0.5 else 2.0 * damping
             stale = 0 if fresh else stale + 1
             good = ratio > 0.7 and not (stale >= STALE and gained < SLOW * (white @ white))
-            due = not good and gained > tolerance
-            if good or due:
+            poor = not good and gained > tolerance
+            if good or (poor and many):
                 j, columns = j + np.outer(change, secant), columns + np.outer(raw, secant)
                 fresh = False
-            if due:
+            if poor:
                 model, residuals, white = _resettled(scene, model, residuals, white)
+                due = many  # where it costs much not after the last step, which has no use for it
+            if poor and not many:
+                columns = jacobian_along(scene, model, residuals, columns, j, white)
+                j, fresh = scene.whiten_stacked(columns), True
         elif fresh:
             damping = max(damping * 10.0, 1e-3)
             spent -= 1.0 - ASTRAY

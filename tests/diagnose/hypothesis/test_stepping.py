@@ -80,7 +80,6 @@ def test_levels_of_a_table_keep_their_columns_beside_another_effect(stage, recor
     finer = replace(spec, parameters={**spec.parameters, "table": {**table, "grid": [-0.06, 0.05]}})
     assert {key[0] for key in found.shared(model.with_effect(finer))} == {"correction"}
     assert {key[0] for key in found.shared(model)} == {"correction"}
-    assert len(found.shared(found.model)) == len(found.model.coordinates)
 
 
 def test_steps_that_leave_the_bounds_turn_round(stage, record, scenes):
