@@ -168,9 +168,8 @@ def jacobian_along(
     ends = each(lambda k: _difference(scene, model, base, steps[:, k]), range(steps.shape[1]))
     sizes = lengths(j)
     seen = np.isfinite(sizes) & (sizes > 0)
-    weighted = (
-        steps * np.where(seen, sizes, 1.0)[:, None] ** 2
-    )  # principal: steps' weighted is diagonal
+    # The directions are principal, so each is corrected by itself: steps' weighted is diagonal.
+    weighted = steps * np.where(seen, sizes, 1.0)[:, None] ** 2
     known = np.where(seen, columns, 0.0)
     new = np.column_stack(ends) - known @ steps
     return known + new @ (weighted / np.sum(steps * weighted, axis=0)).T
