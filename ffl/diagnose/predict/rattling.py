@@ -100,7 +100,7 @@ def with_rattling(
     if behind(begun, scene, standing, BEHIND) or not brings(begun, scene):
         return outcome
     found = settled(begun, scene, levels)
-    if beyond_prediction(found, scene)[0] < PROMISES or behind(found, scene, standing):
+    if behind(found, scene, standing) or beyond_prediction(found, scene)[0] < PROMISES:
         return outcome
     found = burdened(needed(found, scene.trials), scene)
     company = accompanied(found, scene)

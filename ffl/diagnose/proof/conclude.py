@@ -142,13 +142,13 @@ def conclude(
     implausible = not 1.0 / IMPLAUSIBLE < off < IMPLAUSIBLE
     # A wrong unit is most of the mismatch; a mass that runs off and leaves it stands for nothing.
     mistaken = implausible and not (trusted and proof.nrmse_after > RIGHTED * proof.nrmse_before)
-    if implausible:
-        said = "inconclusive"
+    if mistaken:
         place = where.Place(
             "plant", f"the plant's gain or a unit: {off:.4g} times as much per u", ()
         )
-    if implausible and not mistaken:
+    elif implausible:
         place = where.Place("", "what was fitted is no machine, and explains nothing", ())
+    said = "inconclusive" if implausible else said
     if said == "inconclusive" or (said == "unnamed" and proof.nrmse_after > proof.nrmse_before):
         # Nothing is claimed, no file holds it. (In one stood a dead zone of 43 N m and 62 % less mass.)
         augmented, proof = model, proof.withdrawn
