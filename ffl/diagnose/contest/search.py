@@ -44,6 +44,7 @@ from ffl.diagnose.contest.settle import (
     plain_lags,
     settle,
 )
+from ffl.diagnose.contest.timing import begun_late
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
 from ffl.diagnose.hypothesis.contact import with_other_contact
 from ffl.diagnose.hypothesis.course import courses
@@ -94,13 +95,15 @@ def contest(
         if _ahead(other, outcome, say):
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
-    pair = two_for_two(outcome.standing.scene, outcome.held, outcome.standing, say)
-    if pair is None or scene.work.done:
-        return outcome
-    say(f"the other way: {pair.name}")
-    start = pair.scene, pair.held, pair, outcome.steps, {}
-    other = _climb(*start, frozenset(), threshold, most, say)
-    return other if _ahead(other, outcome, say) else outcome
+    for pair_of in (two_for_two, begun_late):
+        pair = pair_of(outcome.standing.scene, outcome.held, outcome.standing, say)
+        if pair is None or scene.work.done:
+            continue
+        say(f"the other way: {pair.name}")
+        start = pair.scene, pair.held, pair, outcome.steps, {}
+        other = _climb(*start, frozenset(), threshold, most, say)
+        outcome = other if _ahead(other, outcome, say) else outcome
+    return outcome
 
 
 def _ahead(other: Outcome, outcome: Outcome, say: Callable[[str], None]) -> bool:

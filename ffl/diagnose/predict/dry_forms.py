@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from ffl.diagnose.hypothesis.places import POINT
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import Company, Settled, Told, charged, in_place
 from ffl.diagnose.recorded.trials import Trial
+from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 
 KNOTS = 9  # of a table
 NEAR = 250.0  # log-likelihood that a form may be behind, its numbers fitted once, and yet come out ahead
 STRIBECK = (0.02, 0.1)  # of the RMS speed
 RISES = 1.5  # of the level at speed: what the level at rest begins at
+YIELDS = (5e-4, 2e-3, 1e-2)  # of the travel, over which a contact yields
 # Log-likelihood by which a form of more numbers must be ahead, where moments of contact make it rough.
 LEAST = 100.0
 
@@ -30,8 +33,9 @@ def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
         return company
     at = found.model.effects.index(own)
     tried = [found]
-    for spec in _forms(own, level, trials):
-        other = refitted(in_place(found, own.name, spec), trials)
+    for starts in _forms(own, level, trials):
+        begun = [in_place(found, own.name, spec) for spec in starts]
+        other = refitted(max(begun, key=lambda form: form.worth(trials)), trials)
         if charged(other, trials) > charged(found, trials) - NEAR:
             tried.append(settled(other, trials))
     tried.sort(key=lambda form: len(form.model.coordinates))
@@ -59,8 +63,8 @@ def in_the_mean(spec: EffectSpec) -> EffectSpec:
     return EffectSpec("asymmetric_friction", levels, kept)
 
 
-def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[EffectSpec]:
-    """Other forms of the same friction, to begin with."""
+def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[list[EffectSpec]]:
+    """Other forms of the same friction, each from where it may begin."""
     y = np.concatenate([trial.y for trial in trials])
     v = np.concatenate([np.gradient(trial.y, trial.sample_time) for trial in trials])
     speed = float(np.sqrt(np.mean(v**2)))
@@ -69,15 +73,31 @@ def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[Effec
         ways = {way: float(own.parameters[f"level_{way}"]) for way in ways}
     grid = [float(x) for x in np.linspace(y.min(), y.max(), KNOTS)]
     table = {"grid": grid, **{way: [value] * KNOTS for way, value in ways.items()}}
-    falling = [
-        {"coulomb_level": level, "static_level": RISES * level, "stribeck_velocity": share * speed}
-        for share in STRIBECK
-    ]
-    starts = [
-        ("coulomb_friction", {"level": level}),
-        ("asymmetric_friction", {f"level_{way}": value for way, value in ways.items()}),
-        *(("stribeck_friction", values) for values in falling),
-        ("position_dependent_friction", {"table": table, "level": level}),
-    ]
+    starts: dict[str, list[dict[str, Any]]] = {
+        "coulomb_friction": [{"level": level}],
+        "asymmetric_friction": [{f"level_{way}": value for way, value in ways.items()}],
+        "stribeck_friction": [
+            {
+                "coulomb_level": level,
+                "static_level": RISES * level,
+                "stribeck_velocity": share * speed,
+            }
+            for share in STRIBECK
+        ],
+        "presliding_friction": [
+            {"level": level, "stiffness": level / (share * np.ptp(y)), "micro_damping": 0.0}
+            for share in YIELDS
+        ],
+        "position_dependent_friction": [{"table": table, "level": level}],
+    }
     kept = {k: v for k, v in own.options.items() if k in POINT}
-    return [EffectSpec(name, values, kept) for name, values in starts if name != own.name]
+    return [
+        [EffectSpec(name, one, {**kept, **_kind(name)}) for one in values]
+        for name, values in starts.items()
+        if name != own.name
+    ]
+
+
+def _kind(name: str) -> dict[str, Any]:
+    """Options of the form of machines."""
+    return EFFECTS[name].forms(True)[0]

@@ -52,8 +52,10 @@ def doubted(fit: Fit, point: Told, trials: Sequence[Trial], rough: float) -> Fit
     `rough` by so much can tell. Where it falls by x^2/(2 s^2) over x its best is no nearer to the truth
     than s sqrt(1 + 2 rough): asked along each combination of numbers that the derivatives tell apart, of
     which those with a jump in them say far too much, over a fall that is many times the roughness; a unit
-    at most."""
-    own = [k for k, c in enumerate(point.model.coordinates) if c.kind != "correction"]
+    at most. What no sample sees remains in doubt."""
+    seen = np.any(fit.jacobian != 0.0, axis=0)
+    coordinates = enumerate(point.model.coordinates)
+    own = [k for k, c in coordinates if c.kind != "correction" and seen[k]]
     unit = units(point)[own]
     table = fit.jacobian[:, own] * unit
     _, told, ways = np.linalg.svd(table, full_matrices=False)

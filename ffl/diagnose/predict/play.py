@@ -17,7 +17,7 @@ from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.linear import BOUND
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
-from ffl.diagnose.predict.company import along, forces_along, separable, without
+from ffl.diagnose.predict.company import along, separable, without
 from ffl.diagnose.predict.foretold import Foretold, refitted
 from ffl.diagnose.predict.moving import gap_at, moved, units, walked
 from ffl.diagnose.predict.slipping import FORMS
@@ -50,7 +50,6 @@ VALLEY, SLIDES = (0.25, 0.05), 4  # of the logarithm of the mass ratio, and step
 BESIDE = frozenset(
     {"constant_load", "linear_stiffness"}
 )  # of the linear part, and no number of its own
-RUBS = frozenset(FORMS) - {"presliding_friction"}  # dry friction, without what a contact yields
 PROMISES = 30.0  # log-likelihood by which the best gap of the grid must beat none
 
 
@@ -101,21 +100,15 @@ class Hypothesis(Foretold):
             return (white, np.log(s)) if np.all(np.isfinite(white)) else None
 
     def _seen(self, trial: Trial) -> Trial:
-        """The trial between the effects of the drive and of the scale, with forces along its motion."""
+        """The trial between the effects of the drive and of the scale."""
         others = self.model.effects[:-1]
-        felt = forces_along(trial, [spec for spec in others if along(spec)])
-        if not others:
-            return trial
-        force = sum(felt, np.zeros(len(trial))) / self.model.base.simulator.force_per_input
-        load = force if trial.load is None else trial.load + force
-        return replace(without(trial, others), load=load)
+        return without(trial, others) if others else trial
 
 
 def able(spec: EffectSpec) -> bool:
     """Whether the filter can take the effect beside the play; a mass is the model's own number until it
     crosses the line, and so is a damping but where it acts on one side of the play alone."""
-    driven = along(spec) and spec.options.get("side", "motor") == "motor"
-    return driven or spec.name in (*BESIDE, *RUBS) or separable(spec)
+    return along(spec) or spec.name in (*BESIDE, *FORMS) or separable(spec)
 
 
 def start(

@@ -26,6 +26,7 @@ from ffl.diagnose.hypothesis.linear import corrected
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.clipped import LOST, MEMORY
+from ffl.diagnose.predict.company import along, forces_along
 from ffl.diagnose.predict.slipping import FORMS, ease, levels
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
@@ -67,12 +68,12 @@ def _clipped(middle, spread, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, again, rub, substeps):  # type: ignore[no-untyped-def]
+def _filter(y, drive, x, p, moves, kick, spread, rows, law, white, again, rub, substeps):  # type: ignore[no-untyped-def]
     """(innovations (N,), their standard deviations (N,)).
 
-    State x (n,) with covariance p, at the first sample before its y is seen. moves (2, n, n), pushes
-    (2, n) from u, drift (2, n) from constant forces, spread (2, n, n): one sub-step in the gap and in
-    contact; kick (n,): in contact, of a spring compressed by 1. rows (3, n): y, stretch, its rate. law:
+    State x (n,) with covariance p, at the first sample before its y is seen. moves (2, n, n), drive
+    (2, N, n) from the forces that are known, spread (2, n, n): one sub-step in the gap and in contact;
+    kick (n,): in contact, of a spring compressed by 1. rows (3, n): y, stretch, its rate. law:
     half the gap, stiffness and damping in contact, sub-step. white: variance of y's white noise. again
     (n, n): added to p where the innovations say that the filter has lost the stretch.
     rub: of dry friction the row (n,) that reads the speed which it takes towards zero, what it pushes
@@ -125,8 +126,7 @@ def _filter(y, u, x, p, moves, pushes, drift, kick, spread, rows, law, white, ag
             share = above + below
             shift = half * (above - below) - up + down
             for i in range(n):
-                total = ((1.0 - share) * pushes[0, i] + share * pushes[1, i]) * u[t]
-                total += (1.0 - share) * drift[0, i] + share * drift[1, i] + shift * kick[i]
+                total = (1.0 - share) * drive[0, t, i] + share * drive[1, t, i] + shift * kick[i]
                 for j in range(n):
                     blend[i, j] = (1.0 - share) * moves[0, i, j] + share * moves[1, i, j]
                     total += blend[i, j] * x[j]
@@ -195,6 +195,7 @@ class Switching:
     resonance: float
     rubs: Point
     friction: EffectSpec | None
+    driven: tuple[tuple[EffectSpec, Array], ...]  # forces along the motion as measured, and where
     per: float
     delay: int
     sample_time: float
@@ -210,16 +211,20 @@ class Switching:
         for other in model.effects[:-1]:
             setting = Setting(per, linear, other.options)
             linear = EFFECTS[other.name].modify(linear, other.parameters, setting)
-            dry = other if other.name in FORMS else dry
+            dry = other if other.name in FORMS and not along(other) else dry
         setting = Setting(per, linear, spec.options)
         mechanics = effect.modify(linear, spec.parameters, setting)
         setting = replace(setting, mechanics=mechanics)
         if mechanics.order != 4 or mechanics.fast.order or mechanics.place is not None:
             return None
         gap, stiffness, damping, contact = effect.pack(spec.parameters, setting)
-        where = "motor"
-        if dry is not None:
-            where = EFFECTS[dry.name].side_in(replace(setting, options=dry.options))
+
+        def at(other: EffectSpec | None) -> Point:
+            if other is None:
+                return setting.point("motor")
+            own = replace(setting, options=other.options)
+            return setting.point(EFFECTS[other.name].side_in(own))
+
         point = setting.point(effect.side_in(setting))
         step, a = mechanics.sample_time, mechanics.a
         free = a + np.outer(point.force, stiffness * point.position + damping * point.velocity)
@@ -243,8 +248,9 @@ class Switching:
             stiffness,
             contact,
             float(np.sqrt(stiffness * point.mobility)),
-            setting.point(where),
+            at(dry),
             dry,
+            tuple((spec, at(spec).force) for spec in model.effects[:-1] if along(spec)),
             per,
             mechanics.delay,
             step,
@@ -259,18 +265,20 @@ class Switching:
         back = np.linalg.inv(self.turn)
         colour = np.exp(-2 * np.pi * np.array([noise.sensor_corner, noise.force_corner]) * step)
         moves, spread = np.zeros((2, n + 2, n + 2)), np.zeros((2, n + 2, n + 2))
-        pushes, drift, kick = np.zeros((2, n + 2)), np.zeros((2, n + 2)), np.zeros(n + 2)
+        known = self._known(trial)
+        drive, kick = np.zeros((2, len(trial), n + 2)), np.zeros(n + 2)
         rub, feel = np.zeros((2, n + 2)), np.zeros(n + 2)
-        given = self.drive, self.press, self.load, self.rubs.force
+        given = self.press, self.rubs.force, self.drive, self.load, *(f for _, f in self.driven)
         for m, a in enumerate((self.free, self.contact)):
             block = np.zeros((n + len(given), n + len(given)))
             block[:n, :n], block[:n, n:] = a, np.column_stack(given)
             held = scipy.linalg.expm(block * step)
             moves[m, :n, :n] = self.turn @ held[:n, :n] @ back
-            pushes[m, :n], kick[:n], drift[m, :n], rub[m, :n] = (self.turn @ held[:n, n:]).T
-            moves[m, :n, n + 1] = pushes[m, :n]
+            kick[:n], rub[m, :n], *rest = (self.turn @ held[:n, n:]).T
+            drive[m, :, :n] = known @ np.array(rest)
+            moves[m, :n, n + 1] = rest[0]
             moves[m, n, n], moves[m, n + 1, n + 1] = colour
-            spread[m] = noise.force**2 * substeps * np.outer(pushes[m], pushes[m])
+            spread[m, :n, :n] = noise.force**2 * substeps * np.outer(rest[0], rest[0])
             spread[m, n, n] += noise.sensor_coloured**2 * (1.0 - colour[0] ** 2)
             spread[m, n + 1, n + 1] += noise.force_coloured**2 * (1.0 - colour[1] ** 2)
         rows = np.zeros((3, n + 2))
@@ -279,16 +287,22 @@ class Switching:
         feel[:n] = self.rubs.velocity @ back
         x, p = self._start(trial, noise)
         law = np.array([0.5 * self.gap, self.stiffness, self.damping, step])
-        force = trial.u if trial.load is None else trial.u + trial.load
-        if self.delay:
-            force = np.concatenate([np.full(self.delay, force[0]), force[: -self.delay]])
         again = np.zeros((n + 2, n + 2))
         again[0, 0] = law[0] ** 2
         again[1, 1] = (law[0] * self.resonance * self.sample_time) ** 2
         return _filter(
-            trial.y, force, x, p, moves, pushes, drift, kick, spread, rows, law, noise.sensor**2, again,
+            trial.y, drive, x, p, moves, kick, spread, rows, law, noise.sensor**2, again,
             (feel, rub, self._levels(trial)), substeps,
         )  # fmt: skip
+
+    def _known(self, trial: Trial) -> Array:
+        """(N, k) the forces that are known in every sample: the command as it arrives, constant loads, and
+        those along the motion."""
+        force = trial.u if trial.load is None else trial.u + trial.load
+        if self.delay:
+            force = np.concatenate([np.full(self.delay, force[0]), force[: -self.delay]])
+        felt = forces_along(trial, [spec for spec, _ in self.driven])
+        return np.column_stack([force, np.ones(len(trial)), *(f / self.per for f in felt)])
 
     def _levels(self, trial: Trial) -> Array:
         """(2, N) dry friction at most, moving up and down, input units: where y is, at its speed."""

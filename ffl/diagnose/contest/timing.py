@@ -1,0 +1,55 @@
+"""A delay or a lag beside a flexible mode, begun from the delay or the lag.
+
+A delay, a lag and a mode bend the same phase. Where a lag came in first, alone ahead of a delay, the mode
+beside it settles where it makes up for what is wrong with the lag, and from there neither may be exchanged
+alone. (A delay of two samples beside a mode at 134 Hz was told as a lag of as much and a mode at 52 Hz; a
+mode that is looked for beside the delay alone comes to 131 Hz, 4,400 ahead.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.fit import fit
+from ffl.diagnose.hypothesis.ladders import with_best_start
+from ffl.diagnose.screen.screen import Screen, as_measured
+from ffl.systems.plant import EffectSpec
+
+MODE = "flexible_mode"
+LATE = {"actuator_lag": "time_constant", "input_delay": "delay"}
+NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
+PLACES = 2  # of a mode, that are fitted
+
+
+def begun_late(
+    quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
+) -> Judged | None:
+    """The best of a delay and of a lag, each with the mode that is looked for beside it, in the place of what
+    `current` has of the three, where that is two of them or more; None where it is not within `NEAR` of
+    `current`: under its own noise it may yet be ahead."""
+    model = current.model
+    own = {spec.name: spec for spec in model.effects if spec.name in (*LATE, MODE)}
+    late = sum(own[name].parameters[LATE[name]] for name in LATE if name in own)
+    if len(own) < 2 or late <= 0.0 or model.proven & set(own):
+        return None
+    company = replace(model, corrections={k: model.corrections[k] for k in model.corrections.keys() & model.held})
+    for name in own:
+        company = company.without(company.names.index(name))
+    near = []
+    for name, parameter in LATE.items():
+        beside = company.with_effect(EffectSpec(name, {parameter: late}, {}))
+        begun = fit(quiet, judge(quiet, held, beside, 8).model, rounds=0)
+        screen = as_measured(quiet, begun) or Screen(quiet, begun)
+        for candidate in screen.candidates([MODE])[:PLACES]:
+            rival = judge(quiet, held, with_best_start(quiet, candidate), 10)
+            if not credible(rival):
+                continue
+            ahead, stands = levelled([rival, current])
+            gained = ahead.score - stands.score
+            say(f"  {name}, then {MODE}, for {' and '.join(own)}: {gained:+.1f}")
+            near.append((gained, rival))
+    gained, best = max(near, key=lambda way: way[0], default=(-float("inf"), None))
+    return best if gained > -NEAR else None
