@@ -34,6 +34,7 @@ from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, u
 from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
 from ffl.diagnose.recorded.commands import as_limited, reached
+from ffl.diagnose.recorded.glitches import without_glitches
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import blocks, commanded, prepare, stretches
@@ -101,7 +102,9 @@ def _diagnose_output(
     _require_stable(model)
     _require_others(recordings, validation)
     everything = [commanded(model, r) for r in (*recordings, *validation)]
+    everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
+    notes = [*glitches, *notes]
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
     health = replace(health, faults=mistakes(model, everything, health.faults))

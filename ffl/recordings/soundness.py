@@ -11,6 +11,7 @@ from ffl.recordings.finding import Finding
 from ffl.recordings.recording import COLUMNS, Recording
 from ffl.recordings.sampling import accepts, examine_time
 from ffl.recordings.sensor_findings import constant_findings, sensor_findings
+from ffl.recordings.spikes import spike_findings
 
 FEW = 200
 """Samples below which a recording is said to be short."""
@@ -45,10 +46,11 @@ def soundness(recording: Recording, sample_time: float | None = None) -> Soundne
     """Everything in a recording that is not what the machine did.
 
     Looked for: short; not finite; backwards, repeated, gap and jitter in time; a sample time other
-    than `sample_time` [s]; constant columns; clipped and frozen output; saturated command; the
-    encoder's step; command against feedforward, output against reference (unit, sign). Faults need
-    two signs that a healthy machine does not give together: a machine at rest under a coarse
-    encoder is not frozen, a hold at the end of a stroke is not clipping, and neither is sticking.
+    than `sample_time` [s]; constant columns; clipped and frozen output, and its spikes; saturated
+    command; the encoder's step; command against feedforward, output against reference (unit, sign).
+    Faults need two signs that a healthy machine does not give together: a machine at rest under a
+    coarse encoder is not frozen, a hold at the end of a stroke is not clipping, and neither is
+    sticking.
     """
     found: list[Finding] = []
     n = len(recording)
@@ -82,6 +84,7 @@ def soundness(recording: Recording, sample_time: float | None = None) -> Soundne
         found += _timing(recording, sample_time)
         found += constant_findings(recording)
         found += sensor_findings(recording)
+        found += spike_findings(recording)
         found += command_findings(recording)
     order = {"fault": 0, "warning": 1, "note": 2}
     found.sort(key=lambda x: order[x.severity])

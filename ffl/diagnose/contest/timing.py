@@ -27,15 +27,17 @@ PLACES = 2  # of a mode, that are fitted
 def begun_late(
     quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
 ) -> Judged | None:
-    """The best of a delay and of a lag, each with the mode that is looked for beside it, in the place of what
-    `current` has of the three, where that is two of them or more; None where it is not within `NEAR` of
-    `current`: under its own noise it may yet be ahead."""
+    """The best of a delay and of a lag, each with the mode that is looked for beside it, in the place of
+    what `current` has of the three, where that is two of them or more; None where it is not within `NEAR`
+    of `current`: under its own noise it may yet be ahead."""
     model = current.model
     own = {spec.name: spec for spec in model.effects if spec.name in (*LATE, MODE)}
     late = sum(own[name].parameters[LATE[name]] for name in LATE if name in own)
     if len(own) < 2 or late <= 0.0 or model.proven & set(own):
         return None
-    company = replace(model, corrections={k: model.corrections[k] for k in model.corrections.keys() & model.held})
+    company = replace(
+        model, corrections={k: model.corrections[k] for k in model.corrections.keys() & model.held}
+    )
     for name in own:
         company = company.without(company.names.index(name))
     near = []

@@ -9,8 +9,10 @@ import numpy as np
 
 from ffl.diagnose.contest.settle import DRY, level_of
 from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.predict.company import along
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import Company, Settled, Told, charged, in_place
+from ffl.diagnose.predict.moving import moved
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
@@ -19,7 +21,8 @@ KNOTS = 9  # of a table
 NEAR = 250.0  # log-likelihood that a form may be behind, its numbers fitted once, and yet come out ahead
 STRIBECK = (0.02, 0.1)  # of the RMS speed
 RISES = 1.5  # of the level at speed: what the level at rest begins at
-YIELDS = (5e-4, 2e-3, 1e-2)  # of the travel, over which a contact yields
+# Of the travel, over which a contact yields: between two of them in four nothing showed that it does.
+YIELDS = np.geomspace(2e-4, 3e-2, 16)
 # Log-likelihood by which a form of more numbers must be ahead, where moments of contact make it rough.
 LEAST = 100.0
 
@@ -36,6 +39,8 @@ def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     for starts in _forms(own, level, trials):
         begun = [in_place(found, own.name, spec) for spec in starts]
         other = refitted(max(begun, key=lambda form: form.worth(trials)), trials)
+        if along(starts[0]):  # its likelihood is narrow along the stiffness
+            other = moved(other, trials)
         if charged(other, trials) > charged(found, trials) - NEAR:
             tried.append(settled(other, trials))
     tried.sort(key=lambda form: len(form.model.coordinates))
@@ -67,7 +72,7 @@ def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[list[
     """Other forms of the same friction, each from where it may begin."""
     y = np.concatenate([trial.y for trial in trials])
     v = np.concatenate([np.gradient(trial.y, trial.sample_time) for trial in trials])
-    speed = float(np.sqrt(np.mean(v**2)))
+    speed, span = float(np.sqrt(np.mean(v**2))), float(np.ptp(y))
     ways = {"positive": level, "negative": level}
     if own.name == "asymmetric_friction":
         ways = {way: float(own.parameters[f"level_{way}"]) for way in ways}
@@ -85,8 +90,8 @@ def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[list[
             for share in STRIBECK
         ],
         "presliding_friction": [
-            {"level": level, "stiffness": level / (share * np.ptp(y)), "micro_damping": 0.0}
-            for share in YIELDS
+            {"level": level, "stiffness": level / (share * span), "micro_damping": 0.0}
+            for share in YIELDS.tolist()
         ],
         "position_dependent_friction": [{"table": table, "level": level}],
     }

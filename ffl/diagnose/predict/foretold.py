@@ -127,6 +127,7 @@ def refitted(
         theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
         white, j = point.linearised(trials, found, factor)
         j[:, list(fixed)] = 0.0
+        still = ~np.any(j, axis=0)  # what nothing shows as well
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
         before = worth
@@ -134,7 +135,7 @@ def refitted(
             table = np.vstack([j, np.diag(pull), np.sqrt(damping) * np.diag(size)])
             wanted = np.concatenate([white, -pull * theta, np.zeros(len(theta))])
             step = np.linalg.lstsq(table / size, wanted, rcond=None)[0] / size
-            step[list(fixed)] = 0.0
+            step[still] = 0.0
             tried = point.at(theta + step)
             value = tried.worth(trials)
             if value > worth:

@@ -139,6 +139,11 @@ class _Equation:
         return size / self.size, solution[: len(columns)], rest
 
 
+def stated_ratio(plant: Plant, recording: Recording) -> float:
+    """RMS of u - f - C_r r + C_y y over that of u, with the stated controller."""
+    return _Equation(plant, recording).stated()[0]
+
+
 def _free(system: StateSpace, n: int) -> Array:
     out = np.zeros((n, system.order))
     row = system.c[0].copy()

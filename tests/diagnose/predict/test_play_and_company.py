@@ -4,11 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_rattling import NOISE, STEP, path, plant, scene_of  # noqa: F401
+from test_rattling import NOISE, STEP, path, plant, rigid, scene_of  # noqa: F401
 
 from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.noise.noise import partly_coloured
 from ffl.diagnose.predict.balance import rubbing
+from ffl.diagnose.predict.dry_forms import formed
+from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.joining import Company
+from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import LOOSENESS, Hypothesis, able, settled
 from ffl.diagnose.predict.rattling import accompanied, dampers, started
 from ffl.diagnose.predict.switching import _clipped
@@ -126,3 +130,43 @@ def test_a_damper_is_tried_on_either_side_of_a_play():
     damped = EffectSpec("viscous_friction", {"coefficient": 1.0}, {"side": "motor"})
     there = replace(found, model=replace(found.model, effects=(damped, play)))
     assert dampers(there, scene) == []
+
+
+def test_a_contact_that_yields_stands_beside_the_play_of_a_load(rigid):  # noqa: F811
+    load = {"kind": "load", "load_fraction": 0.45, "frequency": 150.0, "damping": 0.2}
+    play = EffectSpec("backlash", {"gap": GAP}, {**load, "measured": "motor"})
+    values = {"level": 8.0, "stiffness": 3e4, "micro_damping": 3.0}
+    yields = EffectSpec("presliding_friction", values, {"kind": "maxwell_slip"})
+    scene, model = scene_of(rigid, recorded(rigid, play, yields))
+    scene = replace(scene, noise=partly_coloured(NOISE))
+    dry = EffectSpec("coulomb_friction", {"level": 8.0})
+    begun = Hypothesis(replace(model, effects=(dry, play)), scene.noise)
+    found = formed(
+        Company(refitted(begun, scene.trials), tuple(scene.trials)),
+        lambda point, trials: refitted(point, trials),
+    )
+    assert found.found.model.names == ("presliding_friction", "backlash")
+    assert "coulomb_friction" in {
+        name for rival in found.rivals.values() for name in rival.model.names
+    }
+    told = found.found.model.effects[0].parameters
+    assert told["level"] == pytest.approx(8.0, rel=0.03)
+    assert told["stiffness"] == pytest.approx(3e4, rel=0.1)
+    assert found.found.model.effects[-1].parameters["gap"] == pytest.approx(GAP, rel=0.1)
+    fit = found.found.fit(scene.trials)
+    sure = doubted(fit, found.found, scene.trials, 25.0)
+    names = [c.name for c in found.found.model.coordinates]
+    assert sure.spread[names.index("gap")] < 0.1 * GAP
+    assert np.isinf(sure.spread[names.index("micro_damping")])  # which no sample sees
+
+
+def test_a_force_along_the_motion_pushes_where_it_acts(plant):  # noqa: F811
+    cogging = {"amplitude": 6.0, "period": 0.02, "phase": 0.3}
+    on_load = EffectSpec("cogging", cogging, {"side": "load", "mass_ratio": RATIO})
+    on_motor = replace(on_load, options={"side": "motor", "mass_ratio": RATIO})
+    scene, model = scene_of(plant, recorded(plant, PLAY, on_load))
+    worth = [
+        Hypothesis(replace(model, effects=(*beside, PLAY)), NOISE).scaled(scene.trials)[0]
+        for beside in ((on_load,), (on_motor,), ())
+    ]
+    assert worth[0] > max(worth[1:]) + 200.0

@@ -1,0 +1,54 @@
+"""A delay and a mode are found from the delay where a lag and a mode stand in their place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.timing import begun_late
+from ffl.systems.plant import EffectSpec
+
+DELAY = EffectSpec("input_delay", {"delay": 0.0021})
+MODE = EffectSpec("flexible_mode", {"frequency": 110.0, "damping": 0.02, "mass_fraction": 0.2})
+LAG = EffectSpec("actuator_lag", {"time_constant": 0.002})
+FRICTION = EffectSpec("coulomb_friction", {"level": 2.0})
+OTHER = replace(MODE, parameters={**MODE.parameters, "frequency": 45.0, "damping": 0.3})
+
+
+def quiet(line):
+    pass
+
+
+@pytest.fixture(scope="module")
+def late(stage, record, scenes):
+    return scenes(record(replace(stage, effects=(DELAY, MODE)), 0))
+
+
+def test_a_delay_is_told_where_a_lag_and_another_mode_stand(late):
+    scene, held, model = late
+    standing = judge(scene, held, replace(model, effects=(LAG, OTHER)), 6)
+    said = []
+    found = begun_late(scene, held, standing, said.append)
+    assert found.model.names == ("input_delay", "flexible_mode")
+    assert found.model.effects[0].parameters["delay"] == pytest.approx(0.0021, rel=0.02)
+    assert found.model.effects[1].parameters["frequency"] == pytest.approx(110.0, rel=0.1)
+    assert found.score > standing.score + 100.0
+    assert any(
+        "input_delay, then flexible_mode, for actuator_lag and flexible_mode" in x for x in said
+    )
+
+
+def test_what_stands_is_found_again_and_no_more(late):
+    scene, held, model = late
+    standing = judge(scene, held, replace(model, effects=(DELAY, MODE)), 6)
+    found = begun_late(scene, held, standing, quiet)
+    assert found is None or found.score < standing.score + 3.0
+
+
+@pytest.mark.parametrize("effects", [(DELAY,), (MODE,), (FRICTION, DELAY)])
+def test_one_of_them_alone_is_no_pair(late, effects):
+    scene, held, model = late
+    standing = judge(scene, held, replace(model, effects=effects), 2)
+    assert begun_late(scene, held, standing, quiet) is None
