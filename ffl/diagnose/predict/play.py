@@ -114,12 +114,15 @@ def able(spec: EffectSpec) -> bool:
 def start(
     scene: Scene, model: Model, levels: Sequence[float] = LOOSENESS, most: int = GRIDS
 ) -> tuple[Hypothesis | None, Sequence[float]]:
-    """The best gap, and mass ratio or load, of a grid, with the levels from the one that showed it; of
-    the first `most`. None where the plant is neither rigid nor two masses on a spring, or no gap of
-    the grid foretells better than none."""
+    """The best gap, and mass ratio or load, of a grid, with the levels from the one that showed it: of a
+    load behind a gap the first of `most`, between two masses the one that is best under the noise as it
+    is. None where the plant is neither rigid nor two masses on a spring, or no gap of the grid foretells
+    better than none."""
     trials = shortened(scene, GLANCE)
     forms, travel = _forms(model), model.base.travel
-    for k in range(most if forms else 0):
+    coupled = len(model.base.simulator.mechanics.modes) == 2
+    begun: list[tuple[float, Hypothesis, int]] = []
+    for k in range(len(levels) if coupled else most) if forms else ():
         noise = loosened(scene.noise, levels[k])
         none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
         found = []
@@ -128,11 +131,15 @@ def start(
             found.append(max(((h.worth(trials), h) for h in tried), key=lambda pair: pair[0]))
         found.sort(key=lambda pair: -pair[0])
         if found[0][0] > none + PROMISES:
-            if len(model.base.simulator.mechanics.modes) == 2:
-                return found[0][1], levels[k:]
             near = [moved(h, trials) for _, h in found[:STARTS]]
-            return max(near, key=lambda h: h.worth(trials)), levels[k:]
-    return None, levels
+            best = max(near, key=lambda h: h.worth(trials))
+            if not coupled:
+                return best, levels[k:]
+            begun.append((replace(best, noise=scene.noise).worth(trials), best, k))
+    if not begun:
+        return None, levels
+    _, best, k = max(begun, key=lambda way: way[0])
+    return best, levels[k:]
 
 
 def closed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:

@@ -19,9 +19,10 @@ from ffl.diagnose.contest.judging import SHARE, Judged
 from ffl.diagnose.contest.line import SURE
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import Place, places_of
+from ffl.diagnose.hypothesis.places import POINT, Place, places_of, point_of
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
@@ -142,13 +143,19 @@ def started(
     scene: Scene, told: Model, named: Sequence[EffectSpec], levels: Sequence[float], most: int
 ) -> tuple[Hypothesis | None, Sequence[float]]:
     """The play to begin with, and the levels from there, of the company beside which it foretells best:
-    what was `named` of the drive and the scale, all of it that the filter can take, or dry friction or a
-    damper as the balance of forces has it, on either side of the play."""
+    what was `named` of the drive and the scale, all of it that the filter can take, its dry friction on
+    either side of the play, or dry friction or a damper as the balance of forces has it, on either side."""
     named = [in_the_mean(spec) for spec in named]
     apart = tuple(spec for spec in named if separable(spec))
     whole = tuple(spec for spec in named if able(spec))
     companies = [apart, whole] if len(whole) > len(apart) else [apart]
     places = [place for place in places_of(told) if place.side != "sensor"] or places_of(told)
+    for k, spec in enumerate(whole):
+        form = {key: v for key, v in spec.options.items() if key not in POINT}
+        others = [p for p in places if spec.name in DRY and p.side != point_of(spec).side]
+        for place in others:
+            there = replace(spec, options={**form, **place.options})
+            companies.append((*whole[:k], there, *whole[k + 1 :]))
     for force in rubbing(scene.trials, told):
         companies += [(*apart, replace(force, options=place.options)) for place in places]
     ways = [start(scene, replace(told, effects=own), levels, most) for own in companies]
