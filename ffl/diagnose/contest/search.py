@@ -44,6 +44,7 @@ from ffl.diagnose.contest.settle import (
     plain_lags,
     settle,
 )
+from ffl.diagnose.contest.shares import shares_off
 from ffl.diagnose.contest.timing import begun_late
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
 from ffl.diagnose.hypothesis.contact import with_other_contact
@@ -95,14 +96,17 @@ def contest(
         if _ahead(other, outcome, say):
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
-    for pair_of in (two_for_two, begun_late):
-        pair = pair_of(outcome.standing.scene, outcome.held, outcome.standing, say)
+    for other_way in (two_for_two, begun_late, shares_off):
+        pair = other_way(outcome.standing.scene, outcome.held, outcome.standing, say)
         if pair is None or scene.work.done:
             continue
         say(f"the other way: {pair.name}")
         start = pair.scene, pair.held, pair, outcome.steps, {}
         other = _climb(*start, frozenset(), threshold, most, say)
-        outcome = other if _ahead(other, outcome, say) else outcome
+        instead = other_way is shares_off and not set(pair.model.names) ^ set(
+            other.standing.model.names
+        )
+        outcome = other if instead or _ahead(other, outcome, say) else outcome
     return outcome
 
 

@@ -8,7 +8,8 @@ mass         every residue divided by 1 + value (damping and stiffness of the ri
 damping      d of the rigid body, value in units of 1/s at nominal mass;
 stiffness    relative change of k of the first mode, where it is bound;
 mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode, the numerator of its
-             share of y (position and velocity as the sensor sees them) as it was.
+             share of y (position and velocity as the sensor sees them) as it was;
+mode_i_share   relative change of that share: of what u makes of the mode.
 
 `without_zero` is a choice, not a number that is fitted: the zero of two lags goes.
 """
@@ -39,12 +40,14 @@ BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slowe
 
 @dataclass(frozen=True)
 class Correction:
-    """One number of the linear model: its name, and a change of it that matters (`scale`)."""
+    """One number of the linear model: its name, and a change of it that matters (`scale`); free only where
+    it is `asked` for."""
 
     name: str
     scale: float
     lower: float
     upper: float
+    asked: bool = False
 
 
 def modal_terms(mechanics: Mechanics, mode: Mode) -> tuple[float, float]:
@@ -71,6 +74,7 @@ def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
     for i in range(1, len(mechanics.modes)):
         out.append(Correction(f"mode_{i}_frequency", 0.005, -0.3, 0.3))
         out.append(Correction(f"mode_{i}_damping", 0.2, -0.9, 20.0))
+        out.append(Correction(f"mode_{i}_share", 0.005, -0.3, 0.3, asked=True))
     return tuple(out)
 
 
@@ -121,7 +125,13 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
             new_k = stiffness * w**2
             new_d = damping * w * (1.0 + values.get(f"mode_{i}_damping", 0.0))
             # What u and the sensor are to it stays: the numerator of its share of y.
-            b = b - push * (new_d - damping) * float(mode.position @ mechanics.b)
+            at_once, rate = float(mode.position @ mechanics.b), float(mode.velocity @ mechanics.b)
+            b = b - push * (new_d - damping) * at_once
+            if share := values.get(f"mode_{i}_share", 0.0):
+                way = (
+                    mechanics.a @ push + damping * push
+                )  # position 1, velocity 0 of this mode alone
+                b = b + share * (at_once * way + (rate - (new_d - damping) * at_once) * push)
         a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
         modes.append(_moved(mode, push, b * gain, new_k, new_d))
     fast = mechanics.fast

@@ -242,7 +242,7 @@ class Model:
 
     def _corrections(self) -> Iterator[Coordinate]:
         for c in self.base.corrections:
-            if c.name in self.held:
+            if c.name in self.held or (c.asked and c.name not in self.corrections):
                 continue
             yield Coordinate(
                 "correction", c.name, -1, None, c.scale, c.lower, c.upper, doubt=DOUBT * c.scale

@@ -115,14 +115,15 @@ def start(
     scene: Scene, model: Model, levels: Sequence[float] = LOOSENESS, most: int = GRIDS
 ) -> tuple[Hypothesis | None, Sequence[float]]:
     """The best gap, and mass ratio or load, of a grid, with the levels from the one that showed it: of a
-    load behind a gap the first of `most`, between two masses the one that is best under the noise as it
-    is. None where the plant is neither rigid nor two masses on a spring, or no gap of the grid foretells
-    better than none."""
+    load behind a gap the first of `most`, between two masses the first or the last, whichever is best
+    under the noise as it is. None where the plant is neither rigid nor two masses on a spring, or no gap
+    of the grid foretells better than none."""
     trials = shortened(scene, GLANCE)
     forms, travel = _forms(model), model.base.travel
     coupled = len(model.base.simulator.mechanics.modes) == 2
     begun: list[tuple[float, Hypothesis, int]] = []
-    for k in range(len(levels) if coupled else most) if forms else ():
+    looked = sorted({0, len(levels) - 1}) if coupled else range(most)
+    for k in looked if forms else ():
         noise = loosened(scene.noise, levels[k])
         none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
         found = []
@@ -131,7 +132,7 @@ def start(
             found.append(max(((h.worth(trials), h) for h in tried), key=lambda pair: pair[0]))
         found.sort(key=lambda pair: -pair[0])
         if found[0][0] > none + PROMISES:
-            near = [moved(h, trials) for _, h in found[:STARTS]]
+            near = [moved(h, trials) for _, h in found[: 1 if coupled else STARTS]]
             best = max(near, key=lambda h: h.worth(trials))
             if not coupled:
                 return best, levels[k:]
