@@ -27,12 +27,7 @@ class AsymmetricFriction(Effect):
     name = "asymmetric_friction"
     parameters = (Parameter("level_positive", "F"), Parameter("level_negative", "F"))
     depends_on = ("direction",)
-    siblings = (
-        "coulomb_friction",
-        "stribeck_friction",
-        "constant_load",
-        "position_dependent_friction",
-    )
+    siblings = ("coulomb_friction", "constant_load", "position_dependent_friction")
     law = staticmethod(_law)
     remembers = True
     switches = True

@@ -27,6 +27,7 @@ from ffl.diagnose.hypothesis.places import POINT, places_of
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import separable
 from ffl.diagnose.predict.foretold import FIRST, best_of, refitted
+from ffl.diagnose.predict.play import LOOK, shortened
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -224,11 +225,11 @@ def _forms(
     where plain friction foretells best, under that of the `noises` that suits it; nothing where that
     says no more than none does."""
     trials, told = scene.trials, begun[0]
-    base = told.base
+    short, base = shortened(scene, LOOK), told.base
     force = _rms([t.u for t in trials]) * base.simulator.force_per_input
 
     def likeliest(begun: Sequence[Slip]) -> Slip:
-        return max(begun, key=lambda h: h.worth(trials))
+        return max(begun, key=lambda h: h.worth(short))
 
     plain = refitted(
         likeliest(
@@ -243,7 +244,7 @@ def _forms(
     without = [Slip(m, noise) for m in (*begun, bare) for noise in {plain.noise, *noises}]
     if plain.worth(trials) < refitted(likeliest(without), trials).worth(trials) + HINT:
         return None, []  # no other form is looked for where the plain one shows nothing
-    none = best_of(without, trials)
+    none = best_of(without, trials, short)
     spec = plain.model.effects[-1]
     level, options = (
         spec.parameters["level"],
@@ -272,7 +273,7 @@ def _forms(
     forms = [plain]
     for name, values in starts.items():
         begun_by = [_with(bare, plain.noise, name, options, **own) for own in values]
-        forms.append(best_of(begun_by, trials))
+        forms.append(best_of(begun_by, trials, short))
     judged = [_judged(found, scene, held) for found in forms]
     return _judged(none, scene, held), [one for one in judged if one is not None]
 

@@ -104,11 +104,12 @@ class Foretold:
         return self.scaled(trials)[0] - surprise(self.model)
 
 
-def best_of(starts: Sequence[Told], trials: Sequence[Trial]) -> Told:
-    """What the best of several `starts` comes to: the one that is ahead after two rounds goes on."""
+def best_of(starts: Sequence[Told], trials: Sequence[Trial], short: Sequence[Trial]) -> Told:
+    """What the best of several `starts` comes to: the one that is ahead after two rounds on the `short`
+    recordings goes on with all of them."""
     if len(starts) > 1:
-        begun = [refitted(start, trials, rounds=FIRST) for start in starts]
-        starts = [max(begun, key=lambda told: told.worth(trials))]
+        begun = [refitted(start, short, rounds=FIRST) for start in starts]
+        starts = [max(begun, key=lambda told: told.worth(short))]
     return refitted(starts[0], trials)
 
 
