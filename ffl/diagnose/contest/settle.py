@@ -76,7 +76,7 @@ PLIABLE = frozenset({"position_dependent_friction"})
 # Who is tried in the place of levels by direction in the end alone: before all the company is there a curve
 # that falls with speed takes over what is missing still, and with it goes where no plainer form follows.
 # (Stribeck friction of 0.16 and 0.09 N beside a spring and a delay was told as levels of 0.11 and 0.10 N.)
-FALLING = "stribeck_friction"
+BY_DIRECTION, FALLING = "asymmetric_friction", "stribeck_friction"
 
 
 def excluded(model: Model) -> set[str]:
@@ -121,7 +121,8 @@ def settle(
         if own is None or abs(own[1].fitted - current.fitted) > SUBSTITUTE:
             before = []  # the company has changed since
         others = [(name, current), *(pair for pair in before if pair is not own)]
-        only = PLIABLE | {FALLING} if before else None
+        falls = name == BY_DIRECTION
+        only = PLIABLE | ({FALLING} if falls else set()) if before else None
         found = challengers(quiet, current, index, steps, reserve, only)
         others += _in_its_place(quiet, held, current, without, index, found, say)
         names, tried = zip(*others, strict=True)
@@ -325,7 +326,7 @@ def challengers(
     names = list(EFFECTS[spec.name].siblings)
     if spec.name in DRY:  # whichever form came in first, the table is another of the same force
         names += PLIABLE
-    if spec.name == "asymmetric_friction" and not reserve:
+    if spec.name == BY_DIRECTION and not reserve:
         names.append(FALLING)
     for step in steps:
         if spec.name in step.joined:

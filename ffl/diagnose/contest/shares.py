@@ -3,8 +3,8 @@
 Masses that share a motion otherwise than the plant file has it leave poles where they are and move zeros:
 each mode has another part in y. No mass, damping or frequency of the linear part does that, and a flexible
 mode next to a zero does. (Two stated modes off by 0.4 % against each other: one of 0.86 +- 7.8 Hz.) The
-shares are asked for only where such an effect was found or none: free beside every hypothesis they would
-take half of what a mass at one end of a spring does.
+shares are asked for only where such an effect was found: free beside every hypothesis they would take half
+of what a mass at one end of a spring does, and beside none they let held-out runs of a light mode find more.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from ffl.diagnose.contest.judging import Judged, judge, levelled
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import KEEP, SUBSTITUTE
+from ffl.diagnose.contest.settle import SUBSTITUTE
 from ffl.diagnose.contest.timing import MODE
 
 MASS = "mass_change"
@@ -27,22 +27,22 @@ def shares_off(
 ) -> Judged | None:
     """`current` without its flexible mode, or without its change of mass, the shares of the plant's own
     modes free, where these are no further off than a plant file may be and say as much as the effect; or
-    as good as all that it does, if it is a mode whose frequency is less sure than large. Where nothing was
-    found, with the shares free, if that is worth what an effect is. None where none of this is so."""
+    as good as all that it does, if it is a mode whose frequency is less sure than large. None where there
+    is no such effect, or none of this is so."""
     model = current.model
     shares = [c.name for c in model.base.corrections if c.asked and c.name not in model.corrections]
     name = next((n for n in (MODE, MASS) if n in model.names and n not in model.proven), None)
-    if not shares or (name is None and model.effects):
+    if not shares or name is None:
         return None
-    index = model.names.index(name) if name else 0
-    bare = model.without(index) if name else model
+    index = model.names.index(name)
+    bare = model.without(index)
     own = replace(bare, corrections={**bare.corrections, **dict.fromkeys(shares, 0.0)})
     rival, stands = levelled([judge(quiet, held, own, 10), current])
     gained = rival.score - stands.score
-    say(f"  shares of the plant's modes for {name or 'nothing'}: {gained:+.1f}")
+    say(f"  shares of the plant's modes for {name}: {gained:+.1f}")
     if any(abs(rival.model.corrections[share]) > SLIGHT for share in shares):
         return None
-    if gained > (-SUBSTITUTE if name else KEEP):
+    if gained > -SUBSTITUTE:
         return rival
     spread = dict(zip([c.key for c in model.coordinates], current.spread, strict=True))
     if spread.get(("effect", "frequency", index, None), 0.0) < 1.0:
