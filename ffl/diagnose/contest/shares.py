@@ -3,8 +3,8 @@
 Masses that share a motion otherwise than the plant file has it leave poles where they are and move zeros:
 each mode has another part in y. No mass, damping or frequency of the linear part does that, and a flexible
 mode next to a zero does. (Two stated modes off by 0.4 % against each other: one of 0.86 +- 7.8 Hz.) The
-shares are asked for only where such an effect was found: free beside every hypothesis they would take half
-of what a mass at one end of a spring does, and beside none they let held-out runs of a light mode find more.
+shares are asked for only where such an effect was found: free beside every hypothesis they would take
+half of what a mass at one end of a spring does, and beside none a null of the printer took drag.
 """
 
 from __future__ import annotations
