@@ -103,9 +103,8 @@ def contest(
         say(f"the other way: {pair.name}")
         start = pair.scene, pair.held, pair, outcome.steps, {}
         other = _climb(*start, frozenset(), threshold, most, say)
-        instead = other_way is shares_off and not set(pair.model.names) ^ set(
-            other.standing.model.names
-        )
+        alike = set(pair.model.names) == set(other.standing.model.names)
+        instead = other_way is shares_off and alike  # a correction needs no lead over an effect
         outcome = other if instead or _ahead(other, outcome, say) else outcome
     return outcome
 

@@ -128,9 +128,8 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
             at_once, rate = float(mode.position @ mechanics.b), float(mode.velocity @ mechanics.b)
             b = b - push * (new_d - damping) * at_once
             if share := values.get(f"mode_{i}_share", 0.0):
-                way = (
-                    mechanics.a @ push + damping * push
-                )  # position 1, velocity 0 of this mode alone
+                # Position 1, velocity 0 of this mode alone.
+                way = mechanics.a @ push + damping * push
                 b = b + share * (at_once * way + (rate - (new_d - damping) * at_once) * push)
         a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
         modes.append(_moved(mode, push, b * gain, new_k, new_d))
