@@ -171,3 +171,22 @@ def test_a_bearing_that_pushes_is_no_wrong_unit(stage, record):  # type: ignore[
     stiffness = answer["effects"][0]["parameters"]["stiffness"]["value"]
     assert stiffness == pytest.approx(-6.0e3, rel=1e-3)
     assert "negative stiffness" in answer["effects"][0]["says"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "others", "kept"),
+    [
+        (0.2, "alike", True),  # the others say nothing against it
+        (0.2, "unlike", False),  # of the others no factor explains y: nor does one here
+        (0.01, "unlike", True),  # further off than friction makes anything
+        (0.2, "none", True),
+    ],
+)
+def test_a_factor_that_other_recordings_do_not_bear_out_is_none(
+    motor, driven, factor, others, kept
+):
+    first = replace(driven, y=factor * driven.y)
+    shaken = np.random.default_rng(2).standard_normal(len(driven))
+    other = {"alike": [driven], "unlike": [replace(driven, y=shaken)], "none": []}[others]
+    found = mistakes(motor, [first, *other])
+    assert [fault.kind for fault in found if fault.recording == "run.csv"] == ["unit"] * kept
