@@ -12,14 +12,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
+from ffl.diagnose.contest.line import LATE
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.ladders import with_best_start
 from ffl.diagnose.screen.screen import Screen, as_measured
 from ffl.systems.plant import EffectSpec
 
 MODE = "flexible_mode"
-LATE = {"actuator_lag": "time_constant", "input_delay": "delay"}
+BENDING = ("actuator_lag", "input_delay")
 NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
 PLACES = 2  # of a mode, that are fitted
 
@@ -31,8 +31,8 @@ def begun_late(
     what `current` has of the three, where that is two of them or more; None where it is not within `NEAR`
     of `current`: under its own noise it may yet be ahead."""
     model = current.model
-    own = {spec.name: spec for spec in model.effects if spec.name in (*LATE, MODE)}
-    late = sum(own[name].parameters[LATE[name]] for name in LATE if name in own)
+    own = {spec.name: spec for spec in model.effects if spec.name in (*BENDING, MODE)}
+    late = sum(own[name].parameters[LATE[name]] for name in BENDING if name in own)
     if len(own) < 2 or late <= 0.0 or model.proven & set(own):
         return None
     company = replace(
@@ -41,9 +41,9 @@ def begun_late(
     for name in own:
         company = company.without(company.names.index(name))
     near = []
-    for name, parameter in LATE.items():
-        beside = company.with_effect(EffectSpec(name, {parameter: late}, {}))
-        begun = fit(quiet, judge(quiet, held, beside, 8).model, rounds=0)
+    for name in BENDING:
+        beside = company.with_effect(EffectSpec(name, {LATE[name]: late}, {}))
+        begun = judge(quiet, held, beside, 8).fit
         screen = as_measured(quiet, begun) or Screen(quiet, begun)
         for candidate in screen.candidates([MODE])[:PLACES]:
             rival = judge(quiet, held, with_best_start(quiet, candidate), 10)
