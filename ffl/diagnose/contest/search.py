@@ -172,6 +172,7 @@ def _climb(
     the place of none before another has joined. `patient`: nobody is turned down again."""
     last_error = np.inf
     reserve = PLIABLE
+    told: tuple[str, ...] | None = None  # the company beside which all but the pliable had their say
     turned_down: set[str] = set()  # in the present company
     again, at_once, anew, heard = False, True, True, False
     quiet, base = scene, standing
@@ -223,13 +224,16 @@ def _climb(
             taken = excluded(base.model) | turned_down
             # What hides in the noise of the first round may be faint.
             least = FAINT if steps else FAINT / 2
-            views = [View.of(s, taken, least, bool(reserve)) for s in screens(quiet, base)]
+            # Company that has changed since the others had their say gives everyone another.
+            pliable = None if told not in (None, base.model.names) else not reserve
+            views = [View.of(s, taken, least, pliable) for s in screens(quiet, base)]
             room = most - joined if at_once else 0
             steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
             base, accepted = steps[-1].before, steps[-1].accepted
         if accepted is None and reserve and set(base.model.names) & DRY:
             # The same company once more, with those in it that were kept back.
             reserve, standing, last_error, again, anew = frozenset(), base, np.inf, True, False
+            told = base.model.names
             continue
         if accepted is None:
             return Outcome(base, steps, held, contenders)
@@ -256,7 +260,7 @@ def _beyond_any_noise(
     base = judge(quiet, held, standing.model, rounds=6)
     if not base.fit.far:
         return None
-    views = [View.of(s, excluded(base.model), FAINT / 2, True) for s in screens(quiet, base)]
+    views = [View.of(s, excluded(base.model), FAINT / 2, False) for s in screens(quiet, base)]
     found = starts(base, [(v.screen, v.allowed) for v in views], most)
     several = together(quiet, held, base, found, threshold, say) if found else None
     if several is None or several.fitted < base.fitted + threshold:

@@ -28,13 +28,13 @@ class View:
     allowed: list[Candidate]
 
     @classmethod
-    def of(cls, screen: Screen, taken: Collection[str], least: float, reserved: bool) -> View:
-        """`fresh`: not `taken`, and of more than the `least` gain; the pliable are `reserved` for last, and
-        what creeps comes in the place of others alone."""
+    def of(cls, screen: Screen, taken: Collection[str], least: float, pliable: bool | None) -> View:
+        """`fresh`: not `taken`, and of more than the `least` gain; what creeps comes in the place of others
+        alone. `allowed` are of these the `pliable` alone, all but these, or (None) everyone."""
         seen = screen.candidates()
         barred = CREEPING.union(taken)
         fresh = [c for c in seen if c.spec.name not in barred and c.gain > least]
-        allowed = [c for c in fresh if (c.spec.name not in PLIABLE) == reserved]
+        allowed = [c for c in fresh if pliable in (None, c.spec.name in PLIABLE)]
         return cls(screen, seen, fresh, allowed)
 
 
