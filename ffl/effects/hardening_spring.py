@@ -1,4 +1,4 @@
-"""A cubic spring: stiffer the further it is pulled."""
+"""A cubic spring: stiffer, or softer, the further it is pulled."""
 
 from __future__ import annotations
 
@@ -34,11 +34,12 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
 
 
 class HardeningSpring(Effect):
-    """F = -cubic_coefficient (x - centre)^3."""
+    """F = -cubic_coefficient (x - centre)^3; a negative coefficient is a spring that softens (the restoring
+    moment of a rolling ship, a pendulum)."""
 
     name = "hardening_spring"
     parameters = (
-        Parameter("cubic_coefficient", "F/x^3"),
+        Parameter("cubic_coefficient", "F/x^3", lower=-np.inf),
         Parameter("centre", "x", lower=-np.inf, linear=False, default=0.0),
     )
     depends_on = ("position",)
@@ -57,9 +58,14 @@ class HardeningSpring(Effect):
         return np.column_stack([-((motion.x - nonlinear["centre"]) ** 3)])
 
     def says(self, values: Parameters, plant: Plant) -> str:
-        what = "A spring hardens" if moves(plant) else "What drives the output back grows"
+        softens = values["cubic_coefficient"] < 0
+        if moves(plant):
+            what = "A spring softens" if softens else "A spring hardens"
+        else:
+            what = f"What drives the output back {'falls off' if softens else 'grows'}"
+        size = {**values, "cubic_coefficient": abs(values["cubic_coefficient"])}
         return (
             f"{what} with the cube of the way from "
             f"{self.quantity(values, 'centre', plant)}: "
-            f"{self.quantity(values, 'cubic_coefficient', plant)}."
+            f"{self.quantity(size, 'cubic_coefficient', plant)}."
         )

@@ -50,6 +50,14 @@ def test_two_effects_at_once_and_in_the_order_of_the_list():
     assert np.abs(SIMULATOR.run(specs[::-1], r).y - truth).max() > 1e-7
 
 
+def test_a_spring_that_softens():
+    r = reference()
+    truth = run(Case(force=lambda t, x, v, z: 1e4 * (x - 0.001) ** 3), r)
+    spec = EffectSpec("hardening_spring", {"cubic_coefficient": -1e4, "centre": 0.001})
+    effect = np.abs(truth - SIMULATOR.run((), r).y).max()
+    assert np.abs(SIMULATOR.run([spec], r).y - truth).max() < 1e-8 * effect
+
+
 @pytest.mark.parametrize("name", ["sine", "ramp"])
 def test_other_forms_of_drift(name):
     forms = {

@@ -359,3 +359,12 @@ def test_an_output_that_does_not_move_has_no_springs():
         effect = EFFECTS[name]
         assert words in effect.says(effect.check(spec(name)), heater)
         assert words not in effect.says(effect.check(spec(name)), STAGE)
+
+
+@pytest.mark.parametrize(("cubic", "what"), [(2.0, "hardens"), (-2.0, "softens")])
+def test_a_cubic_spring_says_which_way_it_bends(cubic, what):
+    effect = EFFECTS["hardening_spring"]
+    spring = EffectSpec(effect.name, {"cubic_coefficient": cubic, "centre": 0.0})
+    words = effect.says(effect.check(spring), STAGE)
+    assert words.startswith(f"A spring {what} with the cube")
+    assert words.endswith(": 2 N/m^3.")

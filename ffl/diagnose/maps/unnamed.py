@@ -148,6 +148,9 @@ def compare(
     alone = None if seen else alone
     if alone and min(gains) > -MARGIN and _drawn(standing):
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
+    if alone and _as_good(gains) and len(alone.parts) < len(standing.effects):
+        # One thing where names need several: a sensor's curve is a gain by position and a drag.
+        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
     # What hardly shows where it is judged, and is not spoken against there, must be the clearer.
     told = gains[1] > HELD_WORTH or (gains[0] > SURE and gains[1] > 0.0)
     winning = alone is not None and gains[0] > MARGIN and told
@@ -172,6 +175,11 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _as_good(gains: tuple[float, float]) -> bool:
+    """Maps and names explain the same."""
+    return sum(gains) > 0.0 and min(gains) > -MARGIN
 
 
 def _astray(scene: Scene, standing: Model, alone: FreeForm) -> bool:

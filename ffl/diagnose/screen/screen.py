@@ -48,7 +48,6 @@ POSITIVE = (  # coefficients of the regressors are magnitudes
     "presliding_friction",
     "position_dependent_friction",
     "logarithmic_friction",
-    "hardening_spring",
     "quadratic_drag",
     "backlash",
     "hysteresis",

@@ -84,6 +84,34 @@ def test_the_company_stands_once_while_those_kept_back_are_tried_in_it(
     assert only == [None, settling.PLIABLE]
 
 
+def test_company_that_loses_one_as_the_tables_are_let_in_gives_everyone_another_say(
+    stage, record, scenes, monkeypatch
+):
+    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, SPRING))))
+    settle, of = search.settle, search.View.of
+    lost, let_in = [], []
+
+    def losing(quiet, held, judged, steps, reserve, *rest):
+        if reserve or lost:
+            return settle(quiet, held, judged, steps, reserve, *rest)
+        lost.append(judged.model.names)
+        bare = judged.model.without(judged.model.names.index("hardening_spring"))
+        return judge(quiet, held, bare, rounds=10), {}
+
+    def seen(screen, taken, least, pliable):
+        let_in.append(pliable)
+        return of(screen, taken, least, pliable)
+
+    monkeypatch.setattr(search, "settle", losing)
+    monkeypatch.setattr(search.View, "of", staticmethod(seen))
+    outcome = search.contest(scene, held, model, THRESHOLD)
+    assert len(lost) == 1
+    assert set(lost[0]) == {"coulomb_friction", "hardening_spring"}
+    assert set(outcome.standing.model.names) == set(lost[0])
+    assert let_in[0] is False
+    assert None in let_in
+
+
 def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, monkeypatch):
     scene, held, model = scenes(record(replace(stage, effects=(FRICTION,))))
     nothing = judge(scene, held, model, rounds=10)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.maps import unnamed
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import (
     FreeModel,
@@ -25,6 +27,7 @@ from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
+from ffl.systems.plant import EffectSpec
 
 BEND = 0.15  # 1/m
 CUT = 330  # samples: in the middle of the first move
@@ -104,6 +107,26 @@ def test_it_is_found_and_drawn(cut):  # type: ignore[no-untyped-def]
     x = SCALE.grid(part.ranges)
     bend = 2.0 * np.polyfit(x, part.coefficients, 2)[0]
     assert bend == pytest.approx(2.0 * BEND, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("gains", "alone"),
+    [
+        ((12.0, -10.0), True),
+        ((8.0, -10.0), False),  # the names are the likelier
+        ((25.0, -21.0), False),  # where it is judged it is no better
+    ],
+)
+def test_one_map_that_does_as_well_as_two_names_is_what_there_is(cut, gains, alone, monkeypatch):
+    scene, held, model = cut
+    gain = EffectSpec("position_dependent_gain", {"linear_coefficient": -2.0 * BEND})
+    drag = EffectSpec("quadratic_drag", {"coefficient": 1.0})
+    both = fit(scene, model.with_effect(gain).with_effect(drag), rounds=6)
+    monkeypatch.setattr(unnamed, "_gains", lambda *_: (*gains, 9.0))
+    rng = np.random.default_rng(1)
+    found = unnamed.compare(scene, held, model, both, rng)
+    assert found.alone.name == "position at the sensor"
+    assert (found.verdict == "unnamed") is alone
 
 
 def test_a_parabola_is_drawn_as_it_is():
