@@ -33,7 +33,7 @@ from ffl.diagnose.predict.rattling import with_rattling
 from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
-from ffl.diagnose.recorded.commands import as_limited, reached
+from ffl.diagnose.recorded.commands import as_limited, passing, reached
 from ffl.diagnose.recorded.glitches import without_glitches
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
@@ -169,7 +169,8 @@ def _named(
     everything = [*recordings, *validation]
     travel = max(float(np.ptp(r.y)) for r in everything)
     until = max(float(np.abs(r.t).max()) for r in everything)
-    base = Base.of(model, travel, until, reached(model, everything), seen.observed)
+    limit, left = reached(model, everything), passing(everything)
+    base = Base.of(model, travel, until, limit, seen.observed, left)
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = blocks(recordings)
@@ -260,7 +261,7 @@ def _through_folds(
     ways = []
     for plant in (base.plant, unfolded(base.plant, short[0])):
         if plant is not None:
-            own = base if plant is base.plant else Base.of(plant, base.travel, base.until)
+            own = base if plant is base.plant else base.like(plant)
             model = Model(own).with_proven(RECTIFIED)
             first, second = folded_scenes(plant, scene, *short)
             left = raw_error(first, model), raw_error(second, model)

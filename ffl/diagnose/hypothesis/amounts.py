@@ -38,7 +38,7 @@ def sizes(
     force = float(np.sqrt(np.mean(u**2))) or 1.0
     out = {"mass": corrections.get("mass", 0.0)}
     if mechanics.place is not None and not model.base.states_mass:
-        out["mass"] = _of_lag(model, corrections)
+        out["mass"] = min(out["mass"], _of_lag(model, corrections), key=abs)
     if "damping" in corrections:
         push = mass * corrections["damping"] * float(np.sqrt(np.mean(v**2)))
         out["damping"] = push / force

@@ -89,6 +89,8 @@ def number_of(  # type: ignore[no-untyped-def]
         upper = MOST_BACK if own == ("hysteresis", "beta", "saturating") else upper
         high = min(np.log(upper * INSIDE[1]), at + reach)
         low = max(low, _shortest(base, spec, parameter.name))
+        if spec.name == "saturation":
+            low = max(low, float(np.log(max(base.passing[0], lower))))
         least = PASSIVE.get((spec.name, parameter.name), 0.0)
         low = max(low, np.log(least)) if least else low
         high = max(high, low + 0.1)
@@ -113,6 +115,8 @@ def number_of(  # type: ignore[no-untyped-def]
         scale = max(scale, DAMPED * critical)
     if parameter.name == "lead" and kind == "effect":  # what comes earlier still is no lead
         upper = INSIDE[1] * slightest(base.plant)
+    if parameter.name == "half_width":
+        upper = min(upper, base.passing[1])
     if parameter.name == "mass_fraction":
         upper = min(upper, ROOM * _mass_at(base, spec))
         upper = max(upper, value) if kind == "given" else upper

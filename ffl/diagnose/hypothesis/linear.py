@@ -9,7 +9,8 @@ damping      d of the rigid body, value in units of 1/s at nominal mass;
 stiffness    relative change of k of the first mode, where it is bound;
 mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode, the numerator of its
              share of y (position and velocity as the sensor sees them) as it was;
-mode_i_share   relative change of that share: of what u makes of the mode.
+mode_i_share   relative change of that share: of what u makes of the mode;
+gain, time_constant   of a plant without modes, one lag: relative change of either.
 
 `without_zero` is a choice, not a number that is fitted: the zero of two lags goes.
 """
@@ -61,7 +62,9 @@ def modal_terms(mechanics: Mechanics, mode: Mode) -> tuple[float, float]:
 def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
     """The numbers of this plant that may be slightly wrong."""
     if not mechanics.modes:
-        return (Correction("gain", 0.01, -0.9, 10.0),)
+        gain = Correction("gain", 0.01, -0.9, 10.0)
+        one_lag = mechanics.order == 1 and mechanics.a[0, 0] < 0.0
+        return (gain, Correction("time_constant", 0.01, -0.9, 10.0)) if one_lag else (gain,)
     first = mechanics.modes[0]
     damping, stiffness = modal_terms(mechanics, first)
     rate = 0.1 * abs(damping) + 0.01
@@ -103,11 +106,12 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
     if not any(values.values()):
         return mechanics
     a, b, d = np.array(mechanics.a), mechanics.b, mechanics.d
-    if "gain" in values:
-        factor = 1.0 + values["gain"]
+    if not mechanics.modes:
+        factor, slower = (1.0 + values.get(name, 0.0) for name in ("gain", "time_constant"))
+        a, b = a / slower, b / slower
         fast = mechanics.fast
         fast = StateSpace(fast.a, fast.b, fast.c * factor, fast.d * factor, fast.sample_time)
-        return replace(mechanics, b=b * factor, d=d * factor, fast=fast, exact=None)
+        return replace(mechanics, a=a, b=b * factor, d=d * factor, fast=fast, exact=None)
     gain = 1.0 / (1.0 + values.get("mass", 0.0))
     if values.get(WITHOUT_ZERO):
         b = _without_zero(mechanics)

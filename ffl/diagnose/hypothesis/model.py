@@ -17,6 +17,7 @@ from ffl.diagnose.hypothesis.linear import (
     simulator_with,
 )
 from ffl.diagnose.predict.as_sent import as_sent
+from ffl.diagnose.recorded.commands import EVERYTHING
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.effects import EFFECTS
 from ffl.effects.cascade import lags
@@ -53,6 +54,9 @@ class Base:
     until: float = 0.0  # s, the last time on their clocks
     limit: float | None = None  # of the command, as the plant file states it, where they come to it
     observed: bool = False  # the controller is an observer's, which no command went through
+    passing: tuple[float, float] = (
+        EVERYTHING  # limit and dead zone beyond which the command is lost
+    )
 
     @classmethod
     def of(
@@ -62,10 +66,15 @@ class Base:
         until: float = 0.0,
         limit: float | None = None,
         observed: bool = False,
+        passing: tuple[float, float] = EVERYTHING,
     ) -> Base:
         simulator = Simulator(plant)
         corrections = corrections_of(simulator.mechanics)
-        return cls(plant, simulator, corrections, travel, until, limit, observed)
+        return cls(plant, simulator, corrections, travel, until, limit, observed, passing)
+
+    def like(self, plant: Plant) -> Base:
+        """The same recordings of another plant, at no limit."""
+        return Base.of(plant, self.travel, self.until, passing=self.passing)
 
     @cached_property
     def unlimited(self) -> Base:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
-from ffl.diagnose.contest.judging import BOTH, LOST, OPEN, UNTOLD, promised
+from ffl.diagnose.contest.judging import BOTH, LOST, UNTOLD
 from ffl.diagnose.contest.scene import Scene, is_far
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
@@ -21,6 +21,7 @@ from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
 )
+from ffl.diagnose.maps.gains import MARGIN, as_good, cost_of, gains_of, in_own_noise
 from ffl.diagnose.maps.measured import measured
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import Imitation, imitated
@@ -33,10 +34,8 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 LATE = frozenset({"input_delay", "actuator_lag"})  # what commands that did not arrive pass for
-MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
 SURE = 40.0  # of the fitted recordings, where the held-out ones lean that way (true names: 18)
 QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
-NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
 EARNED = 0.05  # share of the mismatch that names must take off beside maps
 MANY = 20  # draws of noise that bursts are held against before they are called events
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
@@ -131,14 +130,15 @@ def compare(
             gained = drawn.evidence
             return Contest("unnamed", drawn, None, gained, 0.0, None, drawn.variables, led=True)
     fitted, held_out, likely = (
-        _gains(scene, held, standing, nominal, alone) if alone else (0.0, 0.0, 0.0)
+        gains_of(scene, held, standing, nominal, alone) if alone else (0.0, 0.0, 0.0)
     )
     gains = fitted, held_out
     if not named:
         # Over numbers of the linear model that have converged; recordings that hardly show what the
         # maps are cannot confirm it.
         told = alone is not None and (gains[1] > MARGIN or (alone.untold and gains[0] > UNTOLD))
-        if alone and gains[0] > MARGIN and told:
+        told = told and gains[0] > MARGIN and in_own_noise(scene, standing, alone) > MARGIN
+        if alone and told:
             return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
@@ -148,7 +148,7 @@ def compare(
     alone = None if seen else alone
     if alone and min(gains) > -MARGIN and _drawn(standing):
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
-    if alone and _as_good(gains) and len(alone.parts) < len(standing.effects):
+    if alone and as_good(gains) and len(alone.parts) < len(standing.effects):
         # One thing where names need several: a sensor's curve is a gain by position and a drag.
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
     # What hardly shows where it is judged, and is not spoken against there, must be the clearer.
@@ -157,7 +157,7 @@ def compare(
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never
         # quite still where there is nothing.
-        winning = _cost(scene, standing, alone) > FAR * alone.cost
+        winning = cost_of(scene, standing, alone) > FAR * alone.cost
         # Where they can hardly tell names from maps the fitted ones do.
         winning = winning or likely < HELD_WORTH
     if at_ease and not winning:
@@ -165,27 +165,22 @@ def compare(
     only = [p.term.name for p in alone.parts] if alone and winning else []
     maps = free_form(scene, held, standing, names=only)
     beside = maps[-1] if maps and maps[-1].parts else None
-    nearly = None  # several names that do less than one map are no simpler for being nearly right
+    near = None  # several names that do less than one map are no simpler for being nearly right
     if alone and winning and len(standing.effects) <= len(alone.parts):
-        nearly = alone if _nearly(scene, held, bare, standing, alone) else None
-    if alone and winning and not nearly and not _better(beside, alone, nominal, held):
+        near = alone if nearly(scene, held, bare, standing, alone) else None
+    if alone and winning and not near and not _better(beside, alone, nominal, held):
         return _described(Contest("unnamed", alone, beside, *gains, _after(alone)), rng)
-    if beside or nearly:
-        return _described(Contest("partly", alone, beside or nearly, *gains, bursts), rng)
+    if beside or near:
+        return _described(Contest("partly", alone, beside or near, *gains, bursts), rng)
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
 
 
-def _as_good(gains: tuple[float, float]) -> bool:
-    """Maps and names explain the same."""
-    return sum(gains) > 0.0 and min(gains) > -MARGIN
-
-
 def _astray(scene: Scene, standing: Model, alone: FreeForm) -> bool:
     """Neither the names nor the maps run where the machine ran."""
     n = len(alone.white)
-    return is_far(alone.cost, n) and is_far(_cost(scene, standing, alone), n)
+    return is_far(alone.cost, n) and is_far(cost_of(scene, standing, alone), n)
 
 
 def _led(
@@ -206,7 +201,7 @@ def _falling(scene: Scene, held: Scene | None, standing: Model, nominal: Model) 
     must bring what a further effect must."""
     best: tuple[FreeForm, float, float] | None = None
     for one in falling_limits(scene, held, standing, nominal):
-        fitted, held_out, _ = _gains(scene, held, standing, nominal, one)
+        fitted, held_out, _ = gains_of(scene, held, standing, nominal, one)
         if best is None or fitted > best[1] + MARGIN:
             best = one, fitted, held_out
     if best is None or min(best[1:]) < MARGIN:
@@ -275,68 +270,6 @@ def _told(scene: Scene, standing: Model, left: list[Array], before: list[Array])
     quiet = replace(scene, noise=least_noise(scene, standing, left))
     some, whole = (float(np.sum(quiet.whiten(e) ** 2)) for e in (left, before))
     return 1.0 - some / whole
-
-
-def _cost(scene: Scene, standing: Model, alone: FreeForm) -> float:
-    """Sum of squares that the names leave in the fitted recordings, under the maps' noise."""
-    quiet = scene.like(alone.scene)
-    left = quiet.residuals(standing)
-    return np.inf if left is None else float(np.sum(quiet.whiten(left) ** 2))
-
-
-def _gains(
-    scene: Scene, held: Scene | None, standing: Model, nominal: Model, alone: FreeForm
-) -> tuple[float, float, float]:
-    """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise, and what
-    the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
-    fitted ones leave open, or get wrong, is no map's."""
-    quiet = scene.like(alone.scene)
-    left = quiet.residuals(standing)
-    if left is None:
-        return np.inf, np.inf, np.inf
-    all_of_it = np.ones(len(alone.white), bool)
-    fitted = held_gain(quiet.whiten(left), alone.white, all_of_it)
-    if held is None or not held.trials:
-        return fitted, fitted, np.inf
-    judged, bare = held.like(alone.scene), alone.free.model
-    rivals = [standing]
-    if not standing.effects:
-        rivals.append(nominal)
-        if 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
-            rivals.append(bare)
-    gained, told = [], []
-    for rival in rivals:
-        left = judged.residuals(rival)
-        white = np.full(len(alone.held_white), np.inf)
-        if left is not None:
-            white = judged.judge(left, alone.known)
-        gained.append(held_gain(white, alone.held_white, alone.known))
-        told.append(promised(white, alone.held_white, alone.known))
-    return fitted, min(gained), max(told)
-
-
-def _nearly(
-    scene: Scene, held: Scene | None, bare: Model, standing: Model, alone: FreeForm
-) -> bool:
-    """The names take off nearly all that the maps do: something is wrong with them, but not much. What
-    `bare`, the linear model with corrections of its own, takes off is neither's."""
-    sets = [(scene.like(alone.scene), alone.white, np.ones(len(alone.white), bool))]
-    if held is not None and held.trials:
-        judged = held.like(alone.scene)
-        sets.append((judged, alone.held_white, alone.known))
-    for ground, white, known in sets:
-        none, named = ground.residuals(bare), ground.residuals(standing)
-        if none is None or named is None:
-            return False
-        if not known.any():
-            continue
-        whole, some, least = (
-            float(np.mean(x[known] ** 2))
-            for x in (ground.judge(none, known), ground.judge(named, known), white)
-        )
-        if whole - some < NEARLY * (whole - least) or some > FAR * least:
-            return False
-    return True
 
 
 def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scene | None) -> bool:

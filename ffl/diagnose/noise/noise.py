@@ -202,6 +202,7 @@ def fit_noise(
         begin = [
             [white[0], white[1] + slow[1], slow[0], np.log(30.0), slow[2], np.log(15.0)],
             [white[0], white[1], slow[1], np.log(30.0), slow[0], np.log(5.0)],
+            [white[0], white[1] + slow[0], slow[2], np.log(150.0), slow[2], np.log(5.0)],
         ]
         if start.force_coloured > 0 and start.sensor_coloured > 0:
             corners = [start.sensor_corner, start.force_corner]

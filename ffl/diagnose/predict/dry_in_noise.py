@@ -22,12 +22,12 @@ from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE, level_of
 from ffl.diagnose.hypothesis.amounts import claims, sizes
-from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.model import STIFF, Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.foretold import FIRST, best_of, refitted
-from ffl.diagnose.predict.play import LOOK, shortened
+from ffl.diagnose.predict.foretold import FIRST, best_of, of_others, refitted
+from ffl.diagnose.predict.play import GLANCE, LOOK, shortened
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -43,6 +43,11 @@ LEVELS = np.geomspace(0.01, 1.0, 8)  # of the RMS force
 FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
+LIKELIEST = 3  # starts without friction that are fitted
+LEAN = (
+    1.0  # log-likelihood of a part of the samples: a contact that yields and brings less, and takes
+)
+# as long as all other forms together, is not fitted on
 LEAST = 0.005  # of what friction brings: true curves brought 0.04 and 0.07, a false one 0.002
 LITTLE = 0.05  # of what friction brings: a true table brings a quarter more, one in a level's place 0.011
 FOOTING = 50.0  # nats a recording: more is no matter of where it begins
@@ -225,26 +230,19 @@ def _forms(
     where plain friction foretells best, under that of the `noises` that suits it; nothing where that
     says no more than none does."""
     trials, told = scene.trials, begun[0]
-    short, base = shortened(scene, LOOK), told.base
+    short, glimpse, base = shortened(scene, LOOK), shortened(scene, GLANCE), told.base
     force = _rms([t.u for t in trials]) * base.simulator.force_per_input
 
-    def likeliest(begun: Sequence[Slip]) -> Slip:
-        return max(begun, key=lambda h: h.worth(short))
-
-    plain = refitted(
-        likeliest(
-            [
-                _with(model, noise, "coulomb_friction", place.options, level=force * size)
-                for model in begun for noise in noises for place in places_of(told) for size in LEVELS
-            ]
-        ),
-        trials,
-    )  # fmt: skip
+    levels = [
+        _with(model, noise, "coulomb_friction", place.options, level=force * size)
+        for model in begun for noise in noises for place in places_of(told) for size in LEVELS
+    ]  # fmt: skip
+    plain = refitted(max(levels, key=lambda h: h.worth(glimpse)), trials)
     bare = plain.model.without(len(told.effects))
     without = [Slip(m, noise) for m in (*begun, bare) for noise in {plain.noise, *noises}]
-    if plain.worth(trials) < refitted(likeliest(without), trials).worth(trials) + HINT:
+    none = best_of(sorted(without, key=lambda h: -h.worth(short))[:LIKELIEST], trials, short)
+    if plain.worth(trials) < none.worth(trials) + HINT:
         return None, []  # no other form is looked for where the plain one shows nothing
-    none = best_of(without, trials, short)
     spec = plain.model.effects[-1]
     level, options = (
         spec.parameters["level"],
@@ -273,7 +271,10 @@ def _forms(
     forms = [plain]
     for name, values in starts.items():
         begun_by = [_with(bare, plain.noise, name, options, **own) for own in values]
-        forms.append(best_of(begun_by, trials, short))
+        tried = [refitted(one, short, of_others(one.model), FIRST) for one in begun_by]
+        best = max(tried, key=lambda h: h.worth(short))
+        leans = name not in STIFF or best.worth(short) > plain.worth(short) + LEAN
+        forms.append(refitted(best, trials) if leans else best)
     judged = [_judged(found, scene, held) for found in forms]
     return _judged(none, scene, held), [one for one in judged if one is not None]
 

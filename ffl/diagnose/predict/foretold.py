@@ -11,7 +11,7 @@ with all noise scaled to what is left.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Self, TypeVar
 
@@ -64,11 +64,13 @@ class Foretold:
         value = -0.5 * len(white) * (1.0 + np.log(square)) - logs.sum()
         return float(value), float(np.sqrt(square))
 
-    def columns(self, trials: Sequence[Trial], white: Array) -> Array:
-        """Derivatives of the scaled prediction `white` by theta, (N, p)."""
+    def columns(self, trials: Sequence[Trial], white: Array, fixed: Collection[int] = ()) -> Array:
+        """Derivatives of the scaled prediction `white` by theta, (N, p); none by what is `fixed`."""
         theta = self.theta
         found = np.zeros((len(white), len(theta)))
         for k, step in enumerate(self.steps):
+            if k in fixed:
+                continue
             moved = theta.copy()
             moved[k] += step
             there = self.at(moved).predict(trials)
@@ -76,9 +78,16 @@ class Foretold:
                 found[:, k] = (white - there[0]) / step
         return found
 
-    def linearised(self, trials: Sequence[Trial], found: tuple[Array, Array], factor: float):  # type: ignore[no-untyped-def]
-        """(what is to be made small, its derivatives by theta), with all noise times `factor`."""
-        return found[0] / factor, self.columns(trials, found[0]) / factor
+    def linearised(  # type: ignore[no-untyped-def]
+        self,
+        trials: Sequence[Trial],
+        found: tuple[Array, Array],
+        factor: float,
+        fixed: Collection[int] = (),
+    ):
+        """(what is to be made small, its derivatives by theta but for what is `fixed`), with all noise
+        times `factor`."""
+        return found[0] / factor, self.columns(trials, found[0], fixed) / factor
 
     def fit(self, trials: Sequence[Trial]) -> Fit | None:
         """As it stands; None: no such plant."""
@@ -113,8 +122,14 @@ def best_of(starts: Sequence[Told], trials: Sequence[Trial], short: Sequence[Tri
     return refitted(starts[0], trials)
 
 
+def of_others(model: Model) -> list[int]:
+    """Which coordinates belong to anything but the last effect."""
+    last = len(model.effects) - 1
+    return [k for k, c in enumerate(model.coordinates) if c.effect != last]
+
+
 def refitted(
-    point: Told, trials: Sequence[Trial], fixed: Sequence[int] = (), rounds: int = ROUNDS
+    point: Told, trials: Sequence[Trial], fixed: Collection[int] = (), rounds: int = ROUNDS
 ) -> Told:
     """Levenberg and Marquardt on the scaled innovations, all noise scaled to what is left; numbers `fixed`
     stay."""
@@ -126,8 +141,7 @@ def refitted(
         if found is None:
             return point
         theta, factor = point.theta, float(np.sqrt(np.mean(found[0] ** 2)))
-        white, j = point.linearised(trials, found, factor)
-        j[:, list(fixed)] = 0.0
+        white, j = point.linearised(trials, found, factor, fixed)
         still = ~np.any(j, axis=0)  # what nothing shows as well
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
         size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)

@@ -302,24 +302,26 @@ class Slip(Foretold):
         good = np.all(np.isfinite(white)) and np.all(np.isfinite(logs))
         return (white, logs) if good else None
 
-    def linearised(self, trials, found, factor):  # type: ignore[no-untyped-def]
+    def linearised(self, trials, found, factor, fixed=()):  # type: ignore[no-untyped-def]
         """By Fisher's scoring: w = e/s and (1 - w^2)/sqrt(2), with de/s and sqrt(2) d(log s), since what a
         friction holds is known better as well as elsewhere."""
         white = found[0] / factor
-        moved, scales = self._changes(trials, found)
+        moved, scales = self._changes(trials, found, fixed)
         table = np.vstack([moved / factor, np.sqrt(2.0) * scales])
         return np.concatenate([white, (1.0 - white**2) / np.sqrt(2.0)]), -table
 
-    def columns(self, trials, white):  # type: ignore[no-untyped-def]
+    def columns(self, trials, white, fixed=()):  # type: ignore[no-untyped-def]
         """Derivatives of the prediction in units of its doubt, (N, p)."""
         found = self.predict(trials)
-        return -self._changes(trials, found)[0]
+        return -self._changes(trials, found, fixed)[0]
 
-    def _changes(self, trials, found):  # type: ignore[no-untyped-def]
+    def _changes(self, trials, found, fixed):  # type: ignore[no-untyped-def]
         """(derivatives of e, in units of s, and of log s by theta)."""
         theta = self.theta
         moved, scales = (np.zeros((len(found[0]), len(theta))) for _ in range(2))
         for k, step in enumerate(self.steps):
+            if k in fixed:
+                continue
             other = theta.copy()
             other[k] += step
             there = self.at(other).predict(trials)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy.optimize
 
 from ffl.recordings import Recording
 from ffl.systems.loop import Controller
@@ -18,6 +19,8 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 NEAR = 1e-4  # of a limit: a command so close to it, as printed, stands at it
+PASSES = 0.05  # of the RMS command: a drive that lets less through does nothing
+EVERYTHING = (0.0, float("inf"))  # a limit and a dead zone beyond which nothing is lost
 LONGEST = 10  # times the samples that tell the controller's states: where they are looked for
 
 
@@ -36,6 +39,23 @@ def reached(plant: Plant, recordings: Sequence[Recording]) -> float | None:
     limit = limit_of(plant)
     unknown = any(not np.all(np.isfinite(r.u)) for r in recordings)
     return limit if unknown or any(at_limit(r.u, limit).any() for r in recordings) else None
+
+
+def passing(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """(limit, half a dead zone) of which `PASSES` of the RMS command as recorded is left. One that leaves
+    less switches the drive off: it would make noise of all that a machine does. (Where friction takes most
+    of the command a limit of a thousandth of it beat the friction.)"""
+    sent = [r.u[np.isfinite(r.u)] for r in recordings]
+    size = np.sort(np.abs(np.concatenate(sent)))
+    wanted = PASSES**2 * float(np.sum(size**2))
+    if not wanted > 0.0:
+        return EVERYTHING
+    ways = (lambda at: np.minimum(size, at)), (lambda at: np.maximum(size - at, 0.0))
+    low, high = (
+        scipy.optimize.brentq(lambda at, left=left: np.sum(left(at) ** 2) - wanted, 0.0, size[-1])
+        for left in ways
+    )
+    return float(low), float(high)
 
 
 def as_limited(plant: Plant, recording: Recording) -> Recording:

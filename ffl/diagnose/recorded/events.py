@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.stats
 
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.noise.imitate import believable
@@ -23,6 +24,7 @@ WINDOW = 64  # samples whose mean power is judged
 LOUD = 2.5  # times the median that the loudest 2 % of the windows must reach (nulls: at most 1.6)
 PLAINLY = 10.0  # the same where the noise is held to what is stated (nulls: at most 3)
 SHARE = 0.02
+FEW = 8  # windows that tell no growth
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,8 @@ def events(scene: Scene, residuals: list[Array], plant: Plant | None = None) -> 
     powers, spans = [], []
     for trial, whitener, e in zip(scene.trials, whiteners, residuals, strict=True):
         n = len(e) // WINDOW
-        powers.append((whitener(e)[: n * WINDOW].reshape(n, WINDOW) ** 2).mean(axis=1))
+        power = (whitener(e)[: n * WINDOW].reshape(n, WINDOW) ** 2).mean(axis=1)
+        powers.append(power / _growth(power))
         spans.append(trial.start_time + trial.sample_time * WINDOW * np.arange(n + 1))
     together = np.concatenate(powers)
     middle = float(np.median(together))
@@ -63,6 +66,15 @@ def events(scene: Scene, residuals: list[Array], plant: Plant | None = None) -> 
     excess = float(np.sum(np.maximum(together / middle - 1.0, 0.0))) * WINDOW
     limit = LOUD if plant is None else PLAINLY
     return Events(ratio, excess, _stretches(powers, spans, LOUD * middle), limit)
+
+
+def _growth(power: Array) -> Array:
+    """The level of noise that grows or dies away over a recording, over its median: a straight line through
+    the logarithms of the windows, half of which events leave alone."""
+    if len(power) < FEW or not np.all(power > 0.0):
+        return np.ones(len(power))
+    rate = float(scipy.stats.theilslopes(np.log(power)).slope)
+    return np.exp(rate * (np.arange(len(power)) - 0.5 * (len(power) - 1)))
 
 
 def _stretches(powers: list[Array], spans: list[Array], level: float):  # type: ignore[no-untyped-def]

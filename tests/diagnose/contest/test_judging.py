@@ -145,7 +145,7 @@ def test_what_slow_misfit_hides_where_it_is_judged_must_be_clear_where_it_is_fit
 def test_maps_along_the_measured_motion_are_asked_where_nothing_runs_there(
     monkeypatch, maps, names, astray
 ):
-    monkeypatch.setattr(unnamed, "_cost", lambda *_: names)
+    monkeypatch.setattr(unnamed, "cost_of", lambda *_: names)
     alone = SimpleNamespace(white=np.zeros(100), cost=maps)
     assert unnamed._astray(None, None, alone) is astray
 

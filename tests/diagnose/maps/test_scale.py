@@ -122,7 +122,7 @@ def test_one_map_that_does_as_well_as_two_names_is_what_there_is(cut, gains, alo
     gain = EffectSpec("position_dependent_gain", {"linear_coefficient": -2.0 * BEND})
     drag = EffectSpec("quadratic_drag", {"coefficient": 1.0})
     both = fit(scene, model.with_effect(gain).with_effect(drag), rounds=6)
-    monkeypatch.setattr(unnamed, "_gains", lambda *_: (*gains, 9.0))
+    monkeypatch.setattr(unnamed, "gains_of", lambda *_: (*gains, 9.0))
     rng = np.random.default_rng(1)
     found = unnamed.compare(scene, held, model, both, rng)
     assert found.alone.name == "position at the sensor"
