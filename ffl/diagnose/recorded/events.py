@@ -24,7 +24,7 @@ WINDOW = 64  # samples whose mean power is judged
 LOUD = 2.5  # times the median that the loudest 2 % of the windows must reach (nulls: at most 1.6)
 PLAINLY = 10.0  # the same where the noise is held to what is stated (nulls: at most 3)
 SHARE = 0.02
-FEW = 8  # windows that tell no growth
+FEW = 8  # windows that tell neither growth nor a beginning
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,10 @@ def events(scene: Scene, residuals: list[Array], plant: Plant | None = None) -> 
     for trial, whitener, e in zip(scene.trials, whiteners, residuals, strict=True):
         n = len(e) // WINDOW
         power = (whitener(e)[: n * WINDOW].reshape(n, WINDOW) ** 2).mean(axis=1)
-        powers.append(power / _growth(power))
+        power = power / _growth(power)
+        if n >= FEW:  # the first tells where the recording began, which is estimated
+            power[0] = min(power[0], float(np.median(power)))
+        powers.append(power)
         spans.append(trial.start_time + trial.sample_time * WINDOW * np.arange(n + 1))
     together = np.concatenate(powers)
     middle = float(np.median(together))
