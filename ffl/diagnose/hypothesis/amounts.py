@@ -37,8 +37,8 @@ def sizes(
     u = np.concatenate([run.u for run in runs])
     force = float(np.sqrt(np.mean(u**2))) or 1.0
     out = {"mass": corrections.get("mass", 0.0)}
-    if mechanics.place is not None and not model.base.states_mass:
-        out["mass"] = min(out["mass"], _of_lag(model, corrections), key=abs)
+    if mechanics.place is not None and not model.base.states_mass and claims("mass", out["mass"]):
+        out["mass"] = _of_lag(model, corrections)
     if "damping" in corrections:
         push = mass * corrections["damping"] * float(np.sqrt(np.mean(v**2)))
         out["damping"] = push / force

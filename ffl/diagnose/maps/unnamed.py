@@ -21,7 +21,7 @@ from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
 )
-from ffl.diagnose.maps.gains import MARGIN, as_good, cost_of, gains_of, in_own_noise
+from ffl.diagnose.maps.gains import MARGIN, as_good, cost_of, gains_of, in_own_noise, nearly
 from ffl.diagnose.maps.measured import measured
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import Imitation, imitated

@@ -144,7 +144,7 @@ def refitted(
         white, j = point.linearised(trials, found, factor, fixed)
         still = ~np.any(j, axis=0)  # what nothing shows as well
         pull = np.sqrt(3.0 / (2.0 + (theta / doubts) ** 2)) / doubts
-        size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+        size = np.where(still, 1.0, np.maximum(np.linalg.norm(j, axis=0), 1e-300))
         before = worth
         for _ in range(TRIES):
             table = np.vstack([j, np.diag(pull), np.sqrt(damping) * np.diag(size)])

@@ -280,6 +280,8 @@ def test_a_speed_without_a_stated_mass_has_a_gain_and_a_lag(gain, lag, claimed):
     size = sizes(scene, Model(base), {"mass": mass, "damping": damping})["mass"]
     assert claims("mass", size) is claimed
     assert abs(size) == pytest.approx(max(abs(gain), abs(lag)), abs=1e-9)
+    # A damping 8 % off is another gain at rest, and no mass.
+    assert sizes(scene, Model(base), {"mass": -0.008, "damping": 0.32})["mass"] == -0.008
 
 
 def test_what_is_added_to_a_spring_is_told_as_a_share_of_it():

@@ -179,8 +179,8 @@ def test_effects_of_the_plant_file_run_and_their_numbers_may_be_off():
         "p", Zpk([], [0.9], 0.1, 0.1), effects=(EffectSpec("constant_load", {"force": 1.0}),)
     )
     model = Model(Base.of(plant))
-    assert [c.kind for c in model.coordinates] == ["correction", "given"]
-    other = model.at(np.array([0.0, 2.0]))
+    assert [c.kind for c in model.coordinates] == ["correction", "correction", "given"]
+    other = model.at(np.array([0.0, 0.0, 2.0]))
     assert other.plant().effects[0].parameters["force"] == 2.0
     assert model.plant().effects == plant.effects
 
@@ -250,3 +250,20 @@ def test_a_tank_behind_a_lag_and_under_a_sensor_that_clips():
     assert list(effects) == ["sensor_nonlinearity", "outflow"]
     assert effects["outflow"]["empty"]["value"] == pytest.approx(0.0, abs=0.05)
     assert answer["validation"]["nrmse_after"] < 1.1 * answer["validation"]["noise_floor"]
+
+
+def test_one_lag_whose_time_constant_is_off_misses_nothing():
+    """It had no number of its own: a cubic spring and a gain by position stood for it, 0.75 each."""
+    rng, step = np.random.default_rng(2), 0.02
+    true, stated = (Plant("valve", Zpk([], [p], 25.0 * (1.0 - p), step), None, "bar", "mm")
+                    for p in (np.exp(-step / 0.13), np.exp(-step / 0.125)))  # fmt: skip
+    runs = []
+    for _ in range(3):
+        u = np.repeat(rng.uniform(-1.0, 1.0, 40), rng.integers(20, 60, 40))
+        y = true.system.filter(u) + 0.02 * rng.standard_normal(len(u))
+        runs.append(open_loop(u, y, step))
+    answer = diagnose(stated, runs[:2], runs[2:]).answer()
+    assert answer["verdict"] == "nothing_missing"
+    (slower,) = answer["model_corrections"]
+    assert slower["name"] == "time_constant"
+    assert slower["relative"] == pytest.approx(0.04, abs=4.0 * slower["std_error"])

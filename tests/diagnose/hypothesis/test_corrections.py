@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.linear import corrected, corrected_plant, correctio
 from ffl.diagnose.hypothesis.model import Base
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Plant, Zpk, load_plant
+from ffl.systems.plant_file import plant_from_dict
 
 T = 1e-3
 
@@ -135,3 +136,21 @@ def test_what_went_into_the_plant_beside_a_map_is_told_without_an_error():
     (found,) = beside_maps(model)
     assert (found.name, found.std_error) == ("damping", None)
     assert found.relative == pytest.approx(1.4, rel=0.01)
+
+
+@pytest.mark.parametrize("fast", [(), (-2490.0,)])
+def test_one_lag_has_a_gain_and_a_time_constant(fast):
+    """Beside a pole so fast that nothing is left of it after a sample as well."""
+    poles = [-8.0, *fast]
+    plant = plant_from_dict(
+        {
+            "name": "valve", "sample_time": 0.02, "units": {"input": "bar", "output": "mm"},
+            "plant": {"form": "czpk", "zeros": [], "poles": poles, "gain": 25.0 * abs(np.prod(poles))},
+        }
+    )  # fmt: skip
+    mechanics = Simulator(plant).mechanics
+    assert [c.name for c in corrections_of(mechanics)] == ["gain", "time_constant"]
+    slower = corrected_plant(plant, mechanics, {"gain": 0.01, "time_constant": 0.05}).system
+    assert np.abs(np.linalg.eigvals(slower.a)).max() == pytest.approx(np.exp(-8.0 * 0.02 / 1.05))
+    steps = np.ones(400)
+    assert slower.filter(steps)[-1] == pytest.approx(1.01 * 25.0, rel=2e-4)

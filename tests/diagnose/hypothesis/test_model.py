@@ -15,10 +15,11 @@ from ffl.diagnose.hypothesis.places import drive_places, places_of
 from ffl.diagnose.noise.colour import colouring, loop_of
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.conclude import within_a_turn
+from ffl.diagnose.recorded.commands import EVERYTHING, PASSES, passing
 from ffl.diagnose.recorded.trials import prepare
 from ffl.diagnose.screen.screen import Screen
 from ffl.machines import SimulatedMachine
-from ffl.recordings import read_recording
+from ffl.recordings import Recording, read_recording
 from ffl.systems import EffectSpec, load_plant
 
 WAVE = EffectSpec("periodic_disturbance", {"amplitude": 1.0, "frequency": 16.0})
@@ -42,6 +43,28 @@ def test_a_difference_step_of_a_period_turns_the_last_wave_by_little():
     turned = 2 * np.pi * 0.25 / 1e-3 * step_of(RIPPLE, "period", travel=0.25)
     assert turned == pytest.approx(TURN)
     assert step_of(WAVE, "frequency", until=1e-3) == LOG_STEP
+
+
+def test_a_limit_and_a_dead_zone_leave_something_of_the_command():
+    """Where friction takes most of it a drive that is switched off looked like the friction."""
+    u = 3.0 * np.sin(np.linspace(0.0, 60.0, 5000))
+    run = Recording.from_signals(1e-3, u=u, y=np.zeros(5000))
+    limit, dead = passing([run, run])
+    rms = float(np.sqrt(np.mean(u**2)))
+    for left in (np.clip(u, -limit, limit), np.sign(u) * np.maximum(np.abs(u) - dead, 0.0)):
+        assert np.sqrt(np.mean(left**2)) == pytest.approx(PASSES * rms, rel=1e-3)
+    assert passing([replace(run, u=np.zeros(5000))]) == EVERYTHING
+    base = Base.of(load_plant("emps"), passing=(limit, dead))
+    tight = (
+        EffectSpec("saturation", {"limit": 2.0 * limit}),
+        EffectSpec("dead_zone", {"half_width": 1.0}),
+    )
+    model = Model(base, effects=tight)
+    lowest, widest = (
+        next(c for c in model.coordinates if c.name == n) for n in ("limit", "half_width")
+    )
+    assert np.exp(lowest.lower) == pytest.approx(limit)
+    assert widest.upper == dead
 
 
 @pytest.mark.parametrize(

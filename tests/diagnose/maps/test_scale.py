@@ -20,6 +20,7 @@ from ffl.diagnose.maps.freemodel import (
     motions_of,
     tables_of,
 )
+from ffl.diagnose.maps.gains import in_own_noise
 from ffl.diagnose.maps.mapped import smoothed
 from ffl.diagnose.maps.terms import TERMS, ranges_of
 from ffl.diagnose.noise.noise import Noise
@@ -127,6 +128,18 @@ def test_one_map_that_does_as_well_as_two_names_is_what_there_is(cut, gains, alo
     found = unnamed.compare(scene, held, model, both, rng)
     assert found.alone.name == "position at the sensor"
     assert (found.verdict == "unnamed") is alone
+
+
+@pytest.mark.parametrize(("gain", "name"), [(15.0, None), (25.0, SCALE.name)])
+def test_a_map_says_more_than_noise_of_its_own_colour(cut, gain, name, monkeypatch):
+    scene, held, model = cut
+    drawn = free_form(scene, held, model)[-1]
+    assert in_own_noise(scene, model, drawn) > 100.0
+    monkeypatch.setattr(unnamed, "in_own_noise", lambda *_: gain)
+    found = unnamed.compare(
+        scene, held, model, fit(scene, model, rounds=6), np.random.default_rng(1)
+    )
+    assert (found.alone and found.alone.name) == name
 
 
 def test_a_parabola_is_drawn_as_it_is():

@@ -198,6 +198,20 @@ def test_knocks_are_events_and_noise_is_not(scene, stage):  # type: ignore[no-un
     assert all(any(a - 0.1 < at < b + 0.1 for a, b in seen.stretches) for at in (0.4, 1.3, 2.2))
 
 
+def test_noise_that_grows_and_a_beginning_are_no_events(scene):  # type: ignore[no-untyped-def]
+    ground, model = scene
+    (quiet,) = ground.residuals(model)
+    grown = quiet * np.exp(np.linspace(0.0, 1.8, len(quiet)))
+    assert not events(ground, [grown]).found
+    begun = quiet.copy()
+    begun[:40] += 20.0 * np.std(quiet) * np.exp(-np.arange(40) / 10.0)
+    assert not events(ground, [begun]).found
+    later = quiet.copy()
+    for at in (400, 1300, 2200):
+        later[at : at + 40] += 20.0 * np.std(quiet) * np.exp(-np.arange(40) / 10.0)
+    assert events(ground, [later]).found
+
+
 def test_a_residual_that_follows_the_reference_is_linear(scene):  # type: ignore[no-untyped-def]
     ground, _model = scene
     reference = ground.trials[0].reference

@@ -21,12 +21,12 @@ from ffl.systems.plant import Imperfections
 TRUE = Noise(2e-7, 0.01, 1e-7, 40.0, 0.015, 8.0)
 
 
-def _loop_noise(stage, n, rng):  # type: ignore[no-untyped-def]
+def _loop_noise(stage, n, rng, true=TRUE):  # type: ignore[no-untyped-def]
     step = stage.sample_time
     out = []
     for white, coloured, corner in (
-        (TRUE.force, TRUE.force_coloured, TRUE.force_corner),
-        (TRUE.sensor, TRUE.sensor_coloured, TRUE.sensor_corner),
+        (true.force, true.force_coloured, true.force_corner),
+        (true.sensor, true.sensor_coloured, true.sensor_corner),
     ):
         a = np.exp(-2 * np.pi * corner * step)
         x = np.zeros(n + 2000)
@@ -154,3 +154,21 @@ def test_chance_in_corrections_is_granted_when_another_recording_judges(stage, r
     wrong = base.at(found.model.theta + 200.0 * found.spread)  # far beyond what was left open
     far = judged.judge(held.residuals(wrong))
     assert far @ far > 10.0 * (granted @ granted)
+
+
+def test_noise_that_is_nearly_all_slow_is_found(stage):  # type: ignore[no-untyped-def]
+    """From two beginnings its corner ended at the least there is, 700 nats behind."""
+    slow = Noise(1e-7, 2e-4, 3e-7, 140.0, 2e-3, 5.0)
+    paths = Paths.of(stage.loop, spectrum([np.zeros(7500)], stage.sample_time, None).frequencies)
+    rng = np.random.default_rng(5)
+    residuals = [_loop_noise(stage, 8000, rng, slow)[500:] for _ in range(2)]
+    seen, found = (
+        spectrum(residuals, stage.sample_time, None),
+        fit_noise(stage.loop, residuals, Noise(1e-7, 2e-3)),
+    )
+
+    def likelihood(noise):  # type: ignore[no-untyped-def]
+        density = noise.density(paths)
+        return -float(np.sum(seen.weight * (np.log(density) + seen.power / density)))
+
+    assert likelihood(found) > likelihood(slow) - 3.0

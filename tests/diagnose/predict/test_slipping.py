@@ -16,7 +16,7 @@ from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict import dry_in_noise
 from ffl.diagnose.predict.clipped import _beyond
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
-from ffl.diagnose.predict.foretold import refitted
+from ffl.diagnose.predict.foretold import of_others, refitted
 from ffl.diagnose.predict.slipping import FORMS, Slip, ease, levels
 from ffl.diagnose.recorded.trials import prepare
 from ffl.systems import EffectSpec
@@ -82,6 +82,20 @@ def test_friction_is_told_in_noise_that_smooths_it(seen):
         off = found.model.effects[0].parameters[name] - SKEWED.parameters[name]
         assert abs(off) < 3.0 * spread
         assert abs(off) < 0.4 * SKEWED.parameters[name]
+
+
+def test_what_is_fixed_stays_and_costs_no_prediction(seen, monkeypatch):
+    scene, _, model = seen(SKEWED)
+    begun = EffectSpec("coulomb_friction", {"level": 0.2})
+    told = Slip(replace(model, corrections={"mass": 0.01}).with_effect(begun), scene.noise)
+    others = of_others(told.model)
+    assert [told.model.coordinates[k].kind for k in others] == ["correction"] * len(others)
+    whole, some = (told.columns(scene.trials, None, fixed) for fixed in ((), others))
+    assert not some[:, others].any()
+    np.testing.assert_array_equal(some[:, -1], whole[:, -1])
+    found = refitted(told, scene.trials, others)
+    np.testing.assert_allclose(found.theta[others], told.theta[others], atol=1e-15)
+    assert found.worth(scene.trials) > told.worth(scene.trials)
 
 
 @pytest.mark.parametrize("effects", [(SKEWED,), ()])
