@@ -49,6 +49,10 @@ REPEATS = 0.03  # the same for what repeats, between the grid's lines
 RUNGS = np.linspace(-0.98, 0.98, 15)  # of the reach
 DIFFERENCE = 1e-3  # logarithm: step of a difference
 EVALUATIONS = 12
+STIFFENING, SOFTENS = (
+    "hardening_spring",
+    "cubic_coefficient",
+)  # in a set, one that softens is any force
 
 
 @dataclass(frozen=True)
@@ -233,6 +237,7 @@ def _best(listed: Sequence[Together], most: int) -> list[Together]:
 def _best_of_each(seen: Sequence[Candidate]) -> list[Candidate]:
     """The best candidate by each name, of dry friction in any form one, best first."""
     best: dict[str, Candidate] = {}
+    seen = [c for c in seen if not c.spec.parameters.get(SOFTENS, 0.0) < 0.0]
     for c in sorted(seen, key=lambda c: -(c.gain - PER_COLUMN * c.freedom)):
         best.setdefault("dry" if c.spec.name in DRY else c.spec.name, c)
     return list(best.values())
@@ -251,7 +256,7 @@ def _solved(screen: Screen, candidates: tuple[Candidate, ...]) -> Together | Non
     left, coefficients = _left(screen, candidates, tables)
     specs = tuple(map(with_coefficients, candidates, coefficients))
     for spec, own in zip(specs, coefficients, strict=True):
-        if (spec.name in POSITIVE and np.any(own < 0)) or _none(spec):
+        if (spec.name in (*POSITIVE, STIFFENING) and np.any(own < 0)) or _none(spec):
             return None
     if blocked(screen, candidates, coefficients):
         return None

@@ -148,7 +148,8 @@ def compare(
     alone = None if seen else alone
     if alone and min(gains) > -MARGIN and _drawn(standing):
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
-    if alone and as_good(gains) and len(alone.parts) < len(standing.effects):
+    several = len(standing.effects) > len(alone.parts) if alone else False
+    if alone and several and as_good(gains) and not _sum_of(standing, alone):
         # One thing where names need several: a sensor's curve is a gain by position and a drag.
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
     # What hardly shows where it is judged, and is not spoken against there, must be the clearer.
@@ -175,6 +176,12 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _sum_of(standing: Model, alone: FreeForm) -> bool:
+    """The maps hold whatever the names are: a force by position a spring and a load."""
+    names = {variable for e in standing.effects for variable in EFFECTS[e.name].depends_on}
+    return names <= set(alone.variables)
 
 
 def _astray(scene: Scene, standing: Model, alone: FreeForm) -> bool:
