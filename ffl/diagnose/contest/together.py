@@ -49,10 +49,8 @@ REPEATS = 0.03  # the same for what repeats, between the grid's lines
 RUNGS = np.linspace(-0.98, 0.98, 15)  # of the reach
 DIFFERENCE = 1e-3  # logarithm: step of a difference
 EVALUATIONS = 12
-STIFFENING, SOFTENS = (
-    "hardening_spring",
-    "cubic_coefficient",
-)  # in a set, one that softens is any force
+# In a set one that softens is any force.
+STIFFENING, SOFTENS = "hardening_spring", "cubic_coefficient"
 
 
 @dataclass(frozen=True)

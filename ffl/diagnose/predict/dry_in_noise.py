@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import SHARE, Judged, credible
+from ffl.diagnose.contest.judging import SHARE, Judged, credible, raw_error
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -44,10 +44,12 @@ FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
 LIKELIEST = 3  # starts without friction that are fitted
-LEAN = (
-    1.0  # log-likelihood of a part of the samples: a contact that yields and brings less, and takes
+PARTS = (
+    10.0  # times the sum of squares of the model alone: free runs of a friction do not part so far
 )
-# as long as all other forms together, is not fitted on
+# Log-likelihood of a part of the samples: a contact that yields and brings less, and takes as long as
+# all other forms together, is not fitted on.
+LEAN = 1.0
 LEAST = 0.005  # of what friction brings: true curves brought 0.04 and 0.07, a false one 0.002
 LITTLE = 0.05  # of what friction brings: a true table brings a quarter more, one in a level's place 0.011
 FOOTING = 50.0  # nats a recording: more is no matter of where it begins
@@ -114,6 +116,8 @@ def _clear(
     if best is not None and crosses(scene, best):
         best = _as_stated(best, scene, held)
     if plain is None or best is None or crosses(scene, best):
+        return None
+    if raw_error(held, best.model) > PARTS * raw_error(held, begun[0]):
         return None
     before = _by_free_runs(standing, best, scene, held, begun[0])
     beaten = (plain,) if alike is not None and _alike(best, alike) else (plain, before)

@@ -236,12 +236,18 @@ def test_another_form_must_say_more_than_the_filter_errs_by(  # type: ignore[no-
     assert dry_in_noise._best(forms, judged(0.0, "nothing", 0)) is forms[taken]
 
 
+class Named(SimpleNamespace):
+    """A model by its names, which can be looked up."""
+
+    __hash__ = object.__hash__
+
+
 def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatch):
     """Free runs may be likelier under the stated noise: they have been beaten under the loudest."""
 
     def judged(fitted, held_out, name, level):  # type: ignore[no-untyped-def]
         spec = EffectSpec(name, {"level": level})
-        model = SimpleNamespace(names=(name,), effects=(spec,))
+        model = Named(names=(name,), effects=(spec,))
         return SimpleNamespace(score=fitted + held_out, held_out=held_out, model=model)
 
     plain = judged(0.0, 0.0, "coulomb_friction", 0.0)
@@ -251,6 +257,8 @@ def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatc
     monkeypatch.setattr(dry_in_noise, "crosses", lambda *_: False)
     monkeypatch.setattr(dry_in_noise, "_best", lambda rivals, none: rivals[0])
     monkeypatch.setattr(dry_in_noise, "_by_free_runs", lambda *_: free)
+    left = {best.model: 1.0, None: 1.0}
+    monkeypatch.setattr(dry_in_noise, "raw_error", lambda _, model: left[model])
 
     def look(alike=None):  # type: ignore[no-untyped-def]
         return dry_in_noise._clear(None, None, free, (None, None), (), alike)
@@ -259,6 +267,8 @@ def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatc
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.25)) == (best, free, [best])
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.31)) is None
     assert look(judged(1.0, 1.0, "asymmetric_friction", 0.21)) is None
+    left[best.model] = 20.0  # free runs of the friction part from the machine
+    assert look(judged(1.0, 1.0, "coulomb_friction", 0.25)) is None
 
 
 @pytest.mark.parametrize(("ahead", "led"), [((2000.0, 900.0), True), ((2000.0, 400.0), False)])
