@@ -152,6 +152,11 @@ class Scene:
             noise = replace(noise, sensor=min(noise.sensor, sensor), force=min(noise.force, force))
         return replace(self, noise=noise)
 
+    def in_own_noise(self, residuals: Sequence[Array]) -> float:
+        """Log-likelihood of what is left, were it all noise."""
+        own = self.with_noise_of(residuals)
+        return own.likeliest(own.whiten(residuals))
+
     def _calm(self, residuals: Sequence[Array]) -> list[Array]:
         """The stretches of `residuals` in which the linear loop answers noise; where they are few, all,
         turned down by as much as they are loud."""

@@ -172,9 +172,7 @@ def _climb(
     the place of none before another has joined. `patient`: nobody is turned down again."""
     last_error = np.inf
     reserve = PLIABLE
-    told: tuple[str, ...] | None = (
-        None  # the company beside which all but the pliable had their say
-    )
+    told: tuple[str, ...] | None = None  # company beside which all but the pliable had their say
     turned_down: set[str] = set()  # in the present company
     again, at_once, anew, heard = False, True, True, False
     quiet, base = scene, standing

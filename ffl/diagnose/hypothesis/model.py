@@ -54,9 +54,7 @@ class Base:
     until: float = 0.0  # s, the last time on their clocks
     limit: float | None = None  # of the command, as the plant file states it, where they come to it
     observed: bool = False  # the controller is an observer's, which no command went through
-    passing: tuple[float, float] = (
-        EVERYTHING  # limit and dead zone beyond which the command is lost
-    )
+    passing: tuple[float, float] = EVERYTHING  # limit, dead zone beyond which no command is left
 
     @classmethod
     def of(

@@ -53,8 +53,7 @@ def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:
         left = quiet.residuals(model)
         if left is None:
             return np.inf
-        own = quiet.with_noise_of(left)
-        worth.append(own.likeliest(own.whiten(left)))
+        worth.append(quiet.in_own_noise(left))
     return worth[0] - worth[1]
 
 

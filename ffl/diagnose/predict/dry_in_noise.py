@@ -44,9 +44,7 @@ FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
 LIKELIEST = 3  # starts without friction that are fitted
-PARTS = (
-    10.0  # times the sum of squares of the model alone: free runs of a friction do not part so far
-)
+PARTS = 10.0  # times the model's own sum of squares: free runs of a friction do not part so far
 # Log-likelihood of a part of the samples: a contact that yields and brings less, and takes as long as
 # all other forms together, is not fitted on.
 LEAN = 1.0

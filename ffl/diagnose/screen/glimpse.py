@@ -57,7 +57,7 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
     if before is None or names == set(first):
         return chosen
     best = list(first.values())
-    likely = each(partial(_own_likelihood, quiet), [before, *map(partial(_left, quiet), best)])
+    likely = each(quiet.in_own_noise, [before, *map(partial(_left, quiet), best)])
     gains = [one - likely[0] for one in likely[1:]]
     least = max(PROMISING * max(gains), FAINT)
     told = zip(best, gains, strict=True)
@@ -66,12 +66,6 @@ def promising(quiet: Scene, base: Judged, entrants: Sequence[Candidate]) -> list
 
 def _left(scene: Scene, fit: Fit) -> list[Array]:
     return raw_residuals(scene, fit.model)
-
-
-def _own_likelihood(scene: Scene, residuals: Sequence[Array]) -> float:
-    """Log-likelihood of what is left, were it all noise."""
-    own = scene.with_noise_of(residuals)
-    return own.likeliest(own.whiten(residuals))
 
 
 def _same(one: Fit, other: Fit, within: float) -> bool:

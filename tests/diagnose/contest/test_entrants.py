@@ -56,9 +56,10 @@ def test_who_takes_off_little_of_a_large_sum_has_a_say_by_likelihood(monkeypatch
     monkeypatch.setattr(glimpse, "with_clocks", lambda scene, model, first: scene)
     monkeypatch.setattr(glimpse, "fit", begun)
     monkeypatch.setattr(glimpse, "raw_residuals", lambda scene, model: model.names[-1])
-    monkeypatch.setattr(glimpse, "_own_likelihood", lambda scene, left: likely[left])
     scene = SimpleNamespace(
-        residuals=lambda model: "nothing", whiten=lambda left: np.full(10, 10.0)
+        residuals=lambda model: "nothing",
+        whiten=lambda left: np.full(10, 10.0),
+        in_own_noise=likely.__getitem__,
     )
     like = SimpleNamespace(shared=lambda model: None)
     entrants = [Candidate(EffectSpec(name, {}), 1.0, 1, Place("force"), like) for name in squares]
