@@ -115,7 +115,8 @@ def _clear(
         best = _as_stated(best, scene, held)
     if plain is None or best is None or crosses(scene, best):
         return None
-    if raw_error(held, best.model) > PARTS * raw_error(held, begun[0]):
+    alone = replace(begun[0], effects=())
+    if raw_error(held, best.model) > PARTS * raw_error(held, alone):
         return None
     before = _by_free_runs(standing, best, scene, held, begun[0])
     beaten = (plain,) if alike is not None and _alike(best, alike) else (plain, before)

@@ -236,18 +236,12 @@ def test_another_form_must_say_more_than_the_filter_errs_by(  # type: ignore[no-
     assert dry_in_noise._best(forms, judged(0.0, "nothing", 0)) is forms[taken]
 
 
-class Named(SimpleNamespace):
-    """A model by its names, which can be looked up."""
-
-    __hash__ = object.__hash__
-
-
 def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatch):
     """Free runs may be likelier under the stated noise: they have been beaten under the loudest."""
 
     def judged(fitted, held_out, name, level):  # type: ignore[no-untyped-def]
         spec = EffectSpec(name, {"level": level})
-        model = Named(names=(name,), effects=(spec,))
+        model = SimpleNamespace(names=(name,), effects=(spec,))
         return SimpleNamespace(score=fitted + held_out, held_out=held_out, model=model)
 
     plain = judged(0.0, 0.0, "coulomb_friction", 0.0)
@@ -257,17 +251,20 @@ def test_the_second_look_asks_for_the_same_friction_beyond_none_alone(monkeypatc
     monkeypatch.setattr(dry_in_noise, "crosses", lambda *_: False)
     monkeypatch.setattr(dry_in_noise, "_best", lambda rivals, none: rivals[0])
     monkeypatch.setattr(dry_in_noise, "_by_free_runs", lambda *_: free)
-    left = {best.model: 1.0, None: 1.0}
-    monkeypatch.setattr(dry_in_noise, "raw_error", lambda _, model: left[model])
+    left = [1.0]
+    monkeypatch.setattr(
+        dry_in_noise, "raw_error", lambda _, model: left[0] if model is best.model else 1.0
+    )
+    told = Model(None, effects=(EffectSpec("saturation", {"limit": 1.0}),))
 
     def look(alike=None):  # type: ignore[no-untyped-def]
-        return dry_in_noise._clear(None, None, free, (None, None), (), alike)
+        return dry_in_noise._clear(None, None, free, (told, told), (), alike)
 
     assert look() is None
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.25)) == (best, free, [best])
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.31)) is None
     assert look(judged(1.0, 1.0, "asymmetric_friction", 0.21)) is None
-    left[best.model] = 20.0  # free runs of the friction part from the machine
+    left[0] = 20.0  # free runs of the friction part from the machine
     assert look(judged(1.0, 1.0, "coulomb_friction", 0.25)) is None
 
 
