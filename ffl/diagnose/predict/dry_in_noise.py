@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import SHARE, Judged, credible, raw_error
+from ffl.diagnose.contest.judging import SHARE, Judged, credible
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -44,7 +44,6 @@ FALLS = (0.03, 0.1, 0.3)  # of the RMS speed
 YIELDS = (5e-4, 2e-3, 1e-2, 3e-2)  # of the travel
 KNOTS = 9  # of a table
 LIKELIEST = 3  # starts without friction that are fitted
-PARTS = 10.0  # times the model's own sum of squares: free runs of a friction do not part so far
 # Log-likelihood of a part of the samples: a contact that yields and brings less, and takes as long as
 # all other forms together, is not fitted on.
 LEAN = 1.0
@@ -114,9 +113,6 @@ def _clear(
     if best is not None and crosses(scene, best):
         best = _as_stated(best, scene, held)
     if plain is None or best is None or crosses(scene, best):
-        return None
-    alone = replace(begun[0], effects=())
-    if raw_error(held, best.model) > PARTS * raw_error(held, alone):
         return None
     before = _by_free_runs(standing, best, scene, held, begun[0])
     beaten = (plain,) if alike is not None and _alike(best, alike) else (plain, before)

@@ -18,6 +18,7 @@ TRIES = 5  # steps of a move
 FAR, SCALE = 0.2, (0.1, 3.0)  # of a unit, where a search for doubt begins; of a step the next
 STEEP, REACHES = 20.0, 8  # times the roughness: a fall that tells a curvature, and tries to find it
 MOVES = (0.2, 0.1, 0.05)  # of a number's unit, one after the other
+SURE = 2.0  # standard errors that a play must be wide
 
 
 def moved(
@@ -77,10 +78,11 @@ def doubted(fit: Fit, point: Told, trials: Sequence[Trial], rough: float) -> Fit
 
 
 def vague(model: Model, spread: Array) -> bool:
-    """Whether the play is no wider than its standard error, `spread` (p,) being all numbers': something is
-    foretold, but by no gap. (An encoder that loses counts: 35 +- 65 um.)"""
+    """Whether the play is no wider than `SURE` standard errors, `spread` (p,) being all numbers': something
+    is foretold, but by no gap.
+    (An encoder that loses counts: 35 +- 65 um; a Stribeck friction: 111 +- 111.)"""
     at = gap_at(model)
-    return not spread[at] < (1.0 if model.coordinates[at].log else model.theta[at])
+    return not SURE * spread[at] < (1.0 if model.coordinates[at].log else model.theta[at])
 
 
 def units(point: Told) -> Array:

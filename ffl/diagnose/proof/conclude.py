@@ -24,7 +24,7 @@ from ffl.diagnose.maps.unnamed import Contest, compare
 from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.names import named
-from ffl.diagnose.proof.prove import prove, run_plant, with_map
+from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
 from ffl.diagnose.proof.unvisited import unvisited
 from ffl.diagnose.proof.verdict import BEYOND, LOUD, LOUDER, loudness, verdict
 from ffl.diagnose.recorded import sound, where
@@ -50,6 +50,7 @@ MOST = (
 )
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 DIGITS = 1e-9  # of y's range: what is left below that is rounding
+PARTED = 3.0  # times the nrmse of the model alone
 UNLIKE = 0.5  # nrmse of the best model above which it is another machine
 
 
@@ -121,6 +122,7 @@ def conclude(
     another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
     worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
+    worse = worse or _parted(standing, proof)
     seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
     if effects and worse and said != "unnamed":
         said = "partly_explained" if seen else "inconclusive"
@@ -373,6 +375,13 @@ def too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
         f"{samples} samples cannot tell physics from noise: record at least {SHORTEST}, some seconds "
         "of motion with reversals",
     )  # fmt: skip
+
+
+def _parted(standing: Judged, proof: Proof) -> bool:
+    """Free runs of what was told by prediction are far off: those of a play may be, of a friction they are
+    not. (A limit and a friction left 27 times what nothing did of a stage that friction held.)"""
+    told = standing.predicted and "backlash" not in standing.model.names
+    return told and proof.nrmse_after > PARTED * proof.nrmse_before
 
 
 def unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:

@@ -188,7 +188,7 @@ def test_a_play_is_spared_where_what_was_named_foretells_better_and_no_play_besi
     )
 
 
-@pytest.mark.parametrize(("error", "says"), [(0.5, False), (1.5, True)])
+@pytest.mark.parametrize(("error", "says"), [(0.4, False), (0.6, True), (1.5, True)])
 def test_a_play_no_wider_than_its_error_is_no_play(seen, error, says):
     """An encoder that loses counts is foretold by a play of 35 +- 65 um."""
     model = seen()[2].with_effect(PLAY)

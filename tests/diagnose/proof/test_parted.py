@@ -1,0 +1,24 @@
+"""What was told by prediction and whose free runs part from the machine."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from ffl.diagnose.proof.conclude import PARTED, _parted
+
+
+@pytest.mark.parametrize(
+    ("names", "predicted", "times", "parted"),
+    [
+        (("saturation", "stribeck_friction"), True, 1.1 * PARTED, True),
+        (("saturation", "stribeck_friction"), True, 0.9 * PARTED, False),
+        (("coulomb_friction",), False, 1.1 * PARTED, False),  # judged by its free runs anyway
+        (("coulomb_friction", "backlash"), True, 1.1 * PARTED, False),  # a loop that rattles parts
+    ],
+)
+def test_a_friction_whose_free_runs_are_far_off_is_none(names, predicted, times, parted):
+    standing = SimpleNamespace(predicted=predicted, model=SimpleNamespace(names=names))
+    proof = SimpleNamespace(nrmse_before=0.04, nrmse_after=0.04 * times)
+    assert _parted(standing, proof) is parted
