@@ -49,8 +49,6 @@ REPEATS = 0.03  # the same for what repeats, between the grid's lines
 RUNGS = np.linspace(-0.98, 0.98, 15)  # of the reach
 DIFFERENCE = 1e-3  # logarithm: step of a difference
 EVALUATIONS = 12
-# In a set one that softens is any force.
-STIFFENING, SOFTENS = "hardening_spring", "cubic_coefficient"
 
 
 @dataclass(frozen=True)
@@ -235,7 +233,7 @@ def _best(listed: Sequence[Together], most: int) -> list[Together]:
 def _best_of_each(seen: Sequence[Candidate]) -> list[Candidate]:
     """The best candidate by each name, of dry friction in any form one, best first."""
     best: dict[str, Candidate] = {}
-    seen = [c for c in seen if not c.spec.parameters.get(SOFTENS, 0.0) < 0.0]
+    seen = [c for c in seen if not _softens(c.spec)]
     for c in sorted(seen, key=lambda c: -(c.gain - PER_COLUMN * c.freedom)):
         best.setdefault("dry" if c.spec.name in DRY else c.spec.name, c)
     return list(best.values())
@@ -254,12 +252,17 @@ def _solved(screen: Screen, candidates: tuple[Candidate, ...]) -> Together | Non
     left, coefficients = _left(screen, candidates, tables)
     specs = tuple(map(with_coefficients, candidates, coefficients))
     for spec, own in zip(specs, coefficients, strict=True):
-        if (spec.name in (*POSITIVE, STIFFENING) and np.any(own < 0)) or _none(spec):
+        if (spec.name in POSITIVE and np.any(own < 0)) or _softens(spec) or _none(spec):
             return None
     if blocked(screen, candidates, coefficients):
         return None
     charged = float(left @ left) + PER_COLUMN * sum(c.freedom for c in candidates)
     return Together(screen, candidates, specs, charged)
+
+
+def _softens(spec: EffectSpec) -> bool:
+    """A spring that gives way the further it is pulled: in a set it holds whatever any force does."""
+    return bool(spec.parameters.get("cubic_coefficient", 0.0) < 0.0)
 
 
 def _none(spec: EffectSpec) -> bool:

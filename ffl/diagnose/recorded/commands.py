@@ -46,13 +46,13 @@ def passing(recordings: Sequence[Recording]) -> tuple[float, float]:
     less switches the drive off: it would make noise of all that a machine does. (Where friction takes most
     of the command a limit of a thousandth of it beat the friction.)"""
     sent = [r.u[np.isfinite(r.u)] for r in recordings]
-    size = np.sort(np.abs(np.concatenate(sent)))
+    size = np.abs(np.concatenate(sent))
     wanted = PASSES**2 * float(np.sum(size**2))
     if not wanted > 0.0:
         return EVERYTHING
     ways = (lambda at: np.minimum(size, at)), (lambda at: np.maximum(size - at, 0.0))
     low, high = (
-        scipy.optimize.brentq(lambda at, left=left: np.sum(left(at) ** 2) - wanted, 0.0, size[-1])
+        scipy.optimize.brentq(lambda at, left=left: np.sum(left(at) ** 2) - wanted, 0.0, size.max())
         for left in ways
     )
     return float(low), float(high)
