@@ -50,7 +50,7 @@ Parameters = Mapping[str, Any]
 class Parameter:
     """A parameter: `unit` in F (force), x (position), y (output), s, Hz, rad; bounds; `linear` where the
     contribution is; `optional` with a default; `stepped` where the motion changes with it in steps, so that
-    no slope tells how sure it is; `neutral`: where it does nothing."""
+    no slope tells how sure it is; `neutral`: where it does nothing; `known`: stated, never fitted."""
 
     name: str
     unit: str
@@ -60,6 +60,7 @@ class Parameter:
     default: float | None = None
     stepped: bool = False
     neutral: float = 0.0
+    known: bool = False
 
     @property
     def is_place(self) -> bool:

@@ -26,7 +26,8 @@ class Motion:
     `t` s; `r` reference; `u` command as sent; `x`, `v`, `a` position, velocity and acceleration of
     the point where an effect acts (output units and their time derivatives), noise-free; `mass` of
     the moving part (force unit s^2 / output unit; 1/`Mechanics` residue); `warm` what the machine was
-    warmed with before the first sample, in squares of the command.
+    warmed with before the first sample, in squares of the command; `turn` of a full turn where x is an
+    angle, in units of x.
     """
 
     t: Array
@@ -38,6 +39,7 @@ class Motion:
     sample_time: float
     mass: float = 1.0
     warm: float = 0.0
+    turn: float = 2.0 * np.pi
 
     @classmethod
     def of_reference(cls, r: Array, sample_time: float, mass: float = 1.0) -> Motion:

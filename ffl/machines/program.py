@@ -256,7 +256,10 @@ def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> Discret
     block = np.zeros((n + 2 * k, n + 2 * k))
     block[:n, :n], block[:n, n : n + k] = m.a * h, inputs * h
     block[n : n + k, n + k :] = np.eye(k)
-    whole = exponential(block)
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = exponential(block)
+    if not np.all(np.isfinite(whole)):
+        raise InputError(f"a stiffness or damping is beyond what steps of {h:g} s can follow; lower it")
     a, level = whole[:n, :n], whole[:n, n : n + k]
     slope = 2.0 * whole[:n, n + k :] - level  # the ramp s/h enters as its own integral
     if m.exact is not None and substeps == 1:

@@ -73,3 +73,8 @@ def looks_like(factor: float) -> str:
     """The mistaken units that leave a factor or its inverse, within two per cent; else empty."""
     size = abs(math.log(abs(factor)))
     return " or ".join(n for n, known in FACTORS.items() if abs(size - math.log(known)) < NEAR)
+
+
+def turn_in(unit: str) -> float | None:
+    """A full turn in `unit`; None where that measures no angle."""
+    return 2.0 * math.pi / _ANGLE[unit] if unit in _ANGLE else None

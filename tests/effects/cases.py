@@ -145,8 +145,8 @@ ORACLE = {
         2e-9,
     ),
     "gravity_torque": (
-        {"amplitude": 200.0, "centre": -0.4},
-        Case(force=lambda t, x, v, z: -200.0 * np.sin(x + 0.4)),
+        {"amplitude": 200.0, "centre": -20.0, "turn": 360.0},
+        Case(force=lambda t, x, v, z: -200.0 * np.sin(np.deg2rad(x + 20.0))),
         2e-9,
     ),
     "position_dependent_gain": (

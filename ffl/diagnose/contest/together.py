@@ -241,7 +241,8 @@ def _best_of_each(seen: Sequence[Candidate]) -> list[Candidate]:
 
 def _shapes(c: Candidate) -> list[str]:
     """The positive numbers that shape the candidate's columns."""
-    own = {p.name for p in EFFECTS[c.spec.name].parameters if p.lower >= 0.0} | {"shape"}
+    parameters = EFFECTS[c.spec.name].parameters
+    own = {p.name for p in parameters if p.lower >= 0.0 and not p.known} | {"shape"}
     return [n for n, v in c.nonlinear.items() if n in own and isinstance(v, float) and v > 0.0]
 
 

@@ -265,7 +265,7 @@ class Model:
             for name in (*own, *(n for n in spec.parameters if n not in own)):
                 parameter = effect.parameter(name)
                 value = spec.parameters.get(name)
-                if isinstance(value, str) or value is None or name in fixed:
+                if isinstance(value, str) or value is None or name in fixed or parameter.known:
                     continue
                 if isinstance(value, Mapping):
                     # A knot at the end of what the machine travelled is hardly seen: free to go anywhere

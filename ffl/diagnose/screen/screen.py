@@ -36,6 +36,7 @@ from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.errors import InputError
+from ffl.recordings.units import turn_in
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -231,7 +232,7 @@ class Screen:
             return flow_places(self.model, effect)
         if effect.of_processes and not self.model.base.is_process:
             return []
-        if effect.of_angles and self.model.base.plant.output_unit != "rad":
+        if effect.of_angles and turn_in(self.model.base.plant.output_unit) is None:
             return []
         if effect.port == "command" and "position" in effect.depends_on:
             return drive_places(self.model)
@@ -249,9 +250,7 @@ class Screen:
             return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model)
         kept = [p for p in out if p.side in effect.sides]
-        if (
-            len(kept) > 1 and effect.default_side != "sensor"
-        ):  # a drive's force is none of the sensor's
+        if len(kept) > 1 and effect.default_side != "sensor":  # a drive's force is none of its
             kept = [p for p in kept if p.side != "sensor"]
         if set(effect.depends_on) <= BLIND:
             kept = distinct_forces(self.model, kept)
@@ -266,7 +265,8 @@ class Screen:
         if effect.scan:
             grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
         else:
-            grid = effect.grid(_joined(motions))
+            turn = turn_in(self.model.base.plant.output_unit)
+            grid = effect.grid(_joined(motions, turn))
         tops: dict[float, Candidate] = {}  # by the number that has valleys
         for nonlinear in grid:
             columns = self._shared(effect, place, nonlinear, tables)
@@ -387,10 +387,10 @@ def _apart(columns: Array, lengths: Sequence[int]) -> Array:
     return out
 
 
-def _joined(motions: Sequence[Motion]) -> Motion:
+def _joined(motions: Sequence[Motion], turn: float | None) -> Motion:
     """All recordings as one, for grids by range and quantile."""
     signals = {
         name: np.concatenate([getattr(m, name) for m in motions])
         for name in ("t", "r", "u", "x", "v", "a")
     }
-    return replace(motions[0], **signals)
+    return replace(motions[0], turn=turn or motions[0].turn, **signals)

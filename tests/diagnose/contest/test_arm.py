@@ -13,10 +13,15 @@ from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import EffectSpec, Imperfections
 
 
-@pytest.mark.parametrize(("reach", "unit"), [(1.2, "rad"), (0.1, "rad"), (1.2, "m")])
-def test_gravity_is_named_where_an_angle_goes_far(stage, references, reach, unit):  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize(
+    ("reach", "unit", "turn"),
+    [(1.2, "rad", 2.0 * np.pi), (69.0, "deg", 360.0), (0.1, "rad", 2.0 * np.pi), (1.2, "m", None)],
+)
+def test_gravity_is_named_where_an_angle_goes_far(stage, references, reach, unit, turn):  # type: ignore[no-untyped-def]
     plant = replace(stage, output_unit=unit)
-    pull = EffectSpec("gravity_torque", {"amplitude": 4.0, "centre": 0.2})
+    radian = (turn or 2.0 * np.pi) / (2.0 * np.pi)
+    true = {"amplitude": 4.0 * radian, "centre": 0.2 * radian, "turn": 2.0 * np.pi * radian}
+    pull = EffectSpec("gravity_torque", true)
     machine = SimulatedMachine(replace(plant, effects=(pull,)))
     rng = np.random.default_rng(4)
     fit, held = (
@@ -25,12 +30,14 @@ def test_gravity_is_named_where_an_angle_goes_far(stage, references, reach, unit
     )
     answer = diagnose(plant, [fit], [held]).answer()
     names = {effect["name"] for effect in answer["effects"]}
-    if reach > 1.0 and unit == "rad":
+    if reach > 1.0 and turn:
         assert answer["verdict"] == "explained"
         assert names == {"gravity_torque"}
         found = answer["effects"][0]["parameters"]
-        for name, true in (("amplitude", 4.0), ("centre", 0.2)):
-            assert abs(found[name]["value"] - true) < 4.0 * found[name]["std_error"] + 1e-3 * true
+        assert found["turn"]["value"] == turn
+        for name in ("amplitude", "centre"):
+            within = 4.0 * found[name]["std_error"] + 1e-3 * true[name]
+            assert abs(found[name]["value"] - true[name]) < within
     else:
         assert "gravity_torque" not in names
         assert answer["verdict"] in ("explained", "partly_explained", "unnamed")
