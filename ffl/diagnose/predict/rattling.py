@@ -10,6 +10,7 @@ the contest named are taken out of the recordings, their numbers free like the o
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -64,6 +65,8 @@ DAMPERS = (0.03, 0.1, 0.2, 0.4)  # of the command: what a damper on one side of 
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
 ROUGH = 25.0  # log-likelihood by which moments of contact make it so
 BEHIND = 1000.0  # log-likelihood by which no play that is still to be fitted has been
+HELD = tuple(0.125 * k for k in range(1, 13))  # of the mean command: a load to begin with
+ZONES = tuple(0.125 * k for k in range(1, 9))  # of its width: a dead zone beside such a load
 LEAST = 4.0 * ROUGH  # that a constant force, or a mass beyond the line, must bring
 UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
 BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is left
@@ -237,21 +240,33 @@ def behind(found: Hypothesis, scene: Scene, standing: Judged, by: float = 0.0) -
 
 def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
     """With a constant force where it foretells clearly better: free runs that part leave it unseen, or put
-    it into the play."""
+    it into the play, or into a dead zone of a command that holds it up. (A load of 3.77 N stood as a zone
+    three times its width: on the way from there to both, every number is worse than its neighbours.)"""
     if "constant_load" in found.model.names:
         return found
     commands = np.concatenate([trial.u for trial in scene.trials])
     held = -float(np.mean(commands)) * found.model.base.simulator.force_per_input  # what u holds up
     tried = []
     for place in places_of(found.model):
-        spec = EffectSpec("constant_load", {"force": held}, place.options)
-        effects = (*found.model.effects[:-1], spec, found.model.effects[-1])
-        joined = replace(found, model=replace(found.model, effects=effects))
-        tried.append(refitted(joined, scene.trials))
+        sizes = itertools.product(HELD, ZONES if "dead_zone" in found.model.names else (1.0,))
+        begun = [_with_load(found, held * share, place, zone) for share, zone in sizes]
+        tried.append(refitted(max(begun, key=lambda h: h.worth(scene.trials)), scene.trials))
     best = max(tried, key=lambda h: h.worth(scene.trials))
     if best.worth(scene.trials) < found.worth(scene.trials) + max(SHARE * scene.samples, LEAST):
         return found
     return settled(best, scene, (1.0,))
+
+
+def _with_load(found: Hypothesis, force: float, place: Place, zone: float) -> Hypothesis:
+    """`found` with a load of `force` before its play, and what dead zones it has at `zone` of their width."""
+    effects = [
+        replace(e, parameters={k: zone * v for k, v in e.parameters.items()})
+        if e.name == "dead_zone"
+        else e
+        for e in found.model.effects
+    ]
+    effects.insert(-1, EffectSpec("constant_load", {"force": force}, place.options))
+    return replace(found, model=replace(found.model, effects=tuple(effects)))
 
 
 def crossed(found: Told, scene: Scene) -> Told:
