@@ -16,7 +16,7 @@ Force laws are given the motion at their point: X0, V0 at the start; X1, V1 at t
 be without the force of this effect, all others included; and the response of the end to a unit
 mean (GX, GV) and a unit slope (GX_SLOPE, GV_SLOPE). They solve for their own MEAN and SLOPE
 (which hold the last iterate) and must leave `s` alone, but for scratch; FIRST marks the first call
-of a sub-step. Laws of effects that `remember` are called once more with COMMIT set: then X1, V1 are
+of a sub-step, and SENT is the mean of the command that reached the plant. Laws of effects that `remember` are called once more with COMMIT set: then X1, V1 are
 final, all forces included, and the state moves on.
 Output laws map MEAN, the noise-free measured value, to what the sensor says, once per sample.
 """
@@ -34,6 +34,7 @@ TIME, STEP = 0, 1
 X0, V0, X1, V1 = 2, 3, 4, 5
 GX, GV, GX_SLOPE, GV_SLOPE = 6, 7, 8, 9
 MEAN, SLOPE, COMMIT, FIRST = 10, 11, 12, 13
+SENT = 14
 IO_SIZE = 16
 
 HELPERS = ("law.py", "solve.py", "paths.py", "bristle.py", "slip.py")

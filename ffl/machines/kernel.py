@@ -19,6 +19,7 @@ from ffl.effects.law import (
     GX_SLOPE,
     IO_SIZE,
     MEAN,
+    SENT,
     SLOPE,
     STEP,
     TIME,
@@ -146,6 +147,7 @@ def run_loop(signals, plant, points, controller, sensor, effects, state, out):  
                     call_law(addresses[j], p, at_p[j], s, at_s[j], io)
                     contribution[k, j] += (io[MEAN] - um) / substeps
                     um, us = io[MEAN], io[SLOPE]
+            io[SENT] = um
             um += disturbance[k]
             driven += um / substeps
             for i in range(n):

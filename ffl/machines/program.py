@@ -259,7 +259,9 @@ def _discretise(m: Mechanics, points: Sequence[Point], substeps: int) -> Discret
     with np.errstate(over="ignore", invalid="ignore"):
         whole = exponential(block)
     if not np.all(np.isfinite(whole)):
-        raise InputError(f"a stiffness or damping is beyond what steps of {h:g} s can follow; lower it")
+        raise InputError(
+            f"a stiffness or damping is beyond what steps of {h:g} s can follow; lower it"
+        )
     a, level = whole[:n, :n], whole[:n, n : n + k]
     slope = 2.0 * whole[:n, n + k :] - level  # the ramp s/h enters as its own integral
     if m.exact is not None and substeps == 1:

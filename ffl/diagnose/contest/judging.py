@@ -18,6 +18,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.doubt import Doubt, judged_by
 from ffl.diagnose.noise.noise import Paths
 from ffl.diagnose.noise.spread import spread
+from ffl.diagnose.recorded.commands import lets_through
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
 from ffl.effects.motion import Extent
@@ -266,9 +267,12 @@ def credible(judged: Judged) -> bool:
     was a delay of half a sample; dropped in the end as no effect at all, it left nobody in its place.)"""
     if not np.isfinite(judged.score):
         return False  # it ran away, or no machine has such numbers
-    if not all(EFFECTS[e.name].credible(e, _extent(judged)) for e in judged.model.effects):
+    model = judged.model
+    if not all(EFFECTS[e.name].credible(e, _extent(judged)) for e in model.effects):
         return False
-    return all(netted(judged.scene, judged.model, name) is None for name in NAMES)
+    if not all(lets_through(e, model.base.passing) for e in model.effects):
+        return False
+    return all(netted(judged.scene, model, name) is None for name in NAMES)
 
 
 def _extent(judged: Judged) -> Extent:

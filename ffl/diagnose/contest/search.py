@@ -81,9 +81,10 @@ def contest(
     down: alone it costs held-out recordings something that the others make good."""
     say = progress or (lambda line: None)
     most = _room(model) if most is None else most
-    standing, steps = judge(scene, held, model), []
-    if several := _beyond_any_noise(scene, held, standing, most, threshold, say):
-        standing, steps = several.accepted or standing, [several]
+    standing = judge(scene, held, model)
+    steps = _beyond_any_noise(scene, held, standing, most, threshold, say)
+    if steps and (last := steps[-1].accepted) is not None:
+        standing = last
         scene, held = replace(scene, trials=standing.scene.trials), standing.held
     outcome = _climb(scene, held, standing, steps, {}, frozenset(), threshold, most, say)
     for name, rival in forks(outcome):
@@ -249,24 +250,33 @@ def _beyond_any_noise(
     most: int,
     threshold: float,
     say: Callable[[str], None],
-) -> Step | None:
+) -> list[Step]:
     """Several effects that come in at once where no noise is stated, and so all that is left may pass for
-    it: they are looked for under the loudest noise there can be. (A robot's joint with gravity and friction
-    left out shook by 20 % of its command to all appearance; nothing was far from what noise would do.)"""
+    it: they are looked for under the loudest noise there can be, and others beside them for as long as they
+    leave far more. (A robot's joint with gravity and friction left out shook by 20 % of its command to all
+    appearance; nothing was far from what noise would do.)"""
     if scene.guess is None:
-        return None
+        return []
     capped = replace(scene, loudest=scene.guess, loop=standing.fit.loop)
     quiet, held = in_its_noise(capped, held, standing)
     base = judge(quiet, held, standing.model, rounds=6)
     if not base.fit.far:
-        return None
+        return []
     views = [View.of(s, excluded(base.model), FAINT / 2, False) for s in screens(quiet, base)]
     found = starts(base, [(v.screen, v.allowed) for v in views], most)
     several = together(quiet, held, base, found, threshold, say) if found else None
     if several is None or several.fitted < base.fitted + threshold:
-        return None
+        return []
+    steps = [Step(base, tuple(c for v in views for c in v.seen), (several,), several)]
+    while several.fit.far and len(several.model.effects) < most:
+        taken = excluded(several.model)
+        views = [View.of(s, taken, FAINT, None) for s in screens(quiet, several)]
+        step = _round(quiet, held, several, views, taken, 1, threshold, say)
+        if step.accepted is None:
+            break
+        steps, several = [*steps, step], step.accepted
     several = replace(several, scene=replace(several.scene, loudest=None))
-    return Step(base, tuple(c for v in views for c in v.seen), (several,), several)
+    return [*steps[:-1], replace(steps[-1], accepted=several)]
 
 
 def _round(

@@ -14,15 +14,16 @@ from numba import njit
 
 from ffl.effects import Effect, Setting
 from ffl.effects.base import Law, Parameters
-from ffl.effects.law import GV, GV_SLOPE, GX, GX_SLOPE, MEAN, SLOPE, STEP, V0, V1, X0, X1
+from ffl.effects.law import GV, GV_SLOPE, GX, GX_SLOPE, MEAN, SENT, SLOPE, STEP, V0, V1, X0, X1
 from ffl.effects.solve import middle_motion
 from ffl.systems.plant import EffectSpec
 
 if TYPE_CHECKING:
     from ffl.diagnose.maps.freemodel import Part
 
-# What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2;
+# What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g;
 BY_POSITION, BY_VELOCITY, DAMPING, DRY, INERTIA = range(5)
+DRY_BY_COMMAND = 11
 # what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling, and what a limit
 # cuts off that falls with |v|;
 BY_COMMAND, GAIN, GAIN_BY_SPEED, FALLING = range(5, 9)
@@ -88,8 +89,8 @@ def smoothed(grid, values, z):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _force(p, x, v, a):  # type: ignore[no-untyped-def]
-    """(F, dF/dx, dF/dv, dF/da) at a motion."""
+def _force(p, x, v, a, u):  # type: ignore[no-untyped-def]
+    """(F, dF/dx, dF/dv, dF/da) at a motion, under a command."""
     kind, n = int(p[0]), int(p[3])
     first = HEAD + n
     if kind == BY_VELOCITY:
@@ -97,6 +98,9 @@ def _force(p, x, v, a):  # type: ignore[no-untyped-def]
         return g, 0.0, slope, 0.0
     direction = min(max(v / p[1], -1.0), 1.0)
     turning = 1.0 / p[1] if abs(v) < p[1] else 0.0
+    if kind == DRY_BY_COMMAND:
+        level = p[first] * abs(u)
+        return level * direction, 0.0, level * turning, 0.0
     g, slope = _at(p, first, n, x)
     if kind == BY_POSITION:
         return g, slope, 0.0, 0.0
@@ -112,20 +116,20 @@ def _force_law(p, s, io):  # type: ignore[no-untyped-def]
     """Newton on the mean force, between what is known to be too small and too large: of the parabola
     through start, middle and end of the sub-step, or the end alone where the force is stiff (a jump at
     standstill), which does not ring."""
-    step, mean, line = io[STEP], io[MEAN], io[SLOPE]
+    step, mean, line, u = io[STEP], io[MEAN], io[SLOPE], io[SENT]
     stiff = p[2] * io[GV] > STIFF
     below, above = -np.inf, np.inf
     for _ in range(SWEEPS):
         x1 = io[X1] + io[GX] * mean + io[GX_SLOPE] * line
         v1 = io[V1] + io[GV] * mean + io[GV_SLOPE] * line
         a = (v1 - io[V0]) / step
-        end, by_x, by_v, by_a = _force(p, x1, v1, a)
+        end, by_x, by_v, by_a = _force(p, x1, v1, a, u)
         answer = by_x * io[GX] + (by_v + by_a / step) * io[GV]
         wanted = end
         if not stiff:
-            begin, _, _, _ = _force(p, io[X0], io[V0], a)
+            begin, _, _, _ = _force(p, io[X0], io[V0], a, u)
             x, v = middle_motion(io, x1, v1)
-            middle, _, _, _ = _force(p, x, v, a)
+            middle, _, _, _ = _force(p, x, v, a, u)
             wanted = (begin + 4.0 * middle + end) / 6.0
             line = 0.5 * (end - begin)
             answer = 0.5 * (by_x * io[GX] + by_v * io[GV]) + by_a * io[GV] / step
@@ -208,6 +212,8 @@ class Mapped(Effect):
             steepest = float(np.abs(np.diff(g) / np.diff(knots)).max())
         elif kind in (DAMPING, DRY):
             steepest = float(np.abs(g).max()) / (floor if kind == DRY else 1.0)
+        elif kind == DRY_BY_COMMAND:
+            steepest = float(np.abs(g).max() * knots[-1]) / floor
         elif kind == INERTIA:
             tail = list(np.gradient(g, np.maximum(np.ptp(knots), 1e-300) / (len(knots) - 1)))
         return [float(kind), floor, steepest, float(len(knots)), *knots, *g, *tail]

@@ -20,6 +20,7 @@ from ffl.diagnose.maps.mapped import (
     BY_VELOCITY,
     DAMPING,
     DRY,
+    DRY_BY_COMMAND,
     GAIN,
     GAIN_BY_SPEED,
     INERTIA,
@@ -235,6 +236,10 @@ def _hot_gain(m: Motion, ranges: Ranges, taus: Array) -> Array:
     return m.u[:, None] * _heat(m, ranges, taus)
 
 
+def _largest(ranges: Ranges) -> Array:
+    return np.array([max(abs(at) for at in ranges["u"])])
+
+
 _positions, _few, _commands = _even("x", 49), _even("x", 17), _even("u", 33)
 
 
@@ -345,6 +350,7 @@ TERMS: tuple[Term, ...] = (
     Term(
         "direction by size of command", "force", ("command", "direction"),
         "sign(velocity)", "|command|", _load, None,
+        kind=DRY_BY_COMMAND, levels=_largest,
     ),
     Term(
         "direction by size of acceleration", "force", ("acceleration", "direction"),

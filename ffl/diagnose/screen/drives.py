@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ffl.diagnose.recorded.commands import lets_through
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.effects import EFFECTS
 from ffl.systems.state_space import Array
@@ -21,6 +23,10 @@ def blocked(screen: Screen, candidates: Sequence[Candidate], coefficients: Seque
     """Whether those of the `candidates` that change the command leave next to nothing of it, or of what
     its limit does: a limit and a dead zone as wide are minus the command together, which explains
     whatever it does."""
+    passing = screen.model.base.passing
+    specs = [replace(c.spec, parameters={**c.spec.parameters, **c.nonlinear}) for c in candidates]
+    if not all(lets_through(spec, passing) for spec in specs):
+        return True
     own = [
         (EFFECTS[c.spec.name], c, k)
         for c, k in zip(candidates, coefficients, strict=True)

@@ -15,7 +15,7 @@ from ffl.diagnose.hypothesis.places import drive_places, places_of
 from ffl.diagnose.noise.colour import colouring, loop_of
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.conclude import within_a_turn
-from ffl.diagnose.recorded.commands import EVERYTHING, PASSES, passing
+from ffl.diagnose.recorded.commands import EVERYTHING, PASSES, lets_through, passing
 from ffl.diagnose.recorded.trials import prepare
 from ffl.diagnose.screen.screen import Screen
 from ffl.machines import SimulatedMachine
@@ -65,6 +65,13 @@ def test_a_limit_and_a_dead_zone_leave_something_of_the_command():
     )
     assert np.exp(lowest.lower) == pytest.approx(limit)
     assert widest.upper == dead
+    for spec, through in (
+        *((EffectSpec("saturation", {"limit": k * limit}), k > 1.1) for k in (0.5, 1.01, 1.2)),
+        *((EffectSpec("dead_zone", {"half_width": k * dead}), k < 0.9) for k in (0.5, 0.99, 1.2)),
+        (EffectSpec("constant_load", {"force": 0.0}), True),
+    ):
+        assert lets_through(spec, (limit, dead)) == through
+        assert lets_through(spec, EVERYTHING)
 
 
 @pytest.mark.parametrize(

@@ -114,6 +114,27 @@ def test_a_map_by_direction_sticks_as_dry_friction_does(spring):  # type: ignore
     assert np.std(found[0].y - dry.y) < 0.02 * np.std(bare.y - dry.y)
 
 
+def test_friction_in_proportion_to_the_command_is_run_at_once(spring):  # type: ignore[no-untyped-def]
+    """Repeated along its own motion it left a worm gear six times as far off as it is."""
+    term = next(t for t in TERMS if t.name == "direction by size of command")
+    t = STEP * np.arange(1500)
+    u = 5.0 * np.sin(2 * np.pi * (1.0 + 3.0 * t) * t)
+    bare = integrated(u, linear)
+    model, trial = trial_of(spring, recording(u, bare, "swept"))
+    spans = ranges_of([model.simulate(trial).motion()])
+    free = FreeModel(model, (Part(term, Place("force"), np.array([-0.3]), spans),))
+    found = free.simulate(trial)
+    assert found is not None
+    assert not free._repeated
+    slow = 1e-3 * max(abs(v) for v in spans["v"])  # below there is no direction
+
+    def force(held, v):  # type: ignore[no-untyped-def]
+        return held - 0.3 * abs(held) * np.clip(v / slow, -1.0, 1.0)
+
+    wanted = integrated(u, lambda x, v, held: linear(x, v, force(held, v)))
+    assert np.std(found[0].y - wanted) < 3e-2 * np.std(wanted - bare)
+
+
 def test_a_mass_that_depends_on_position_is_run_at_once(spring):  # type: ignore[no-untyped-def]
     """M(x) x'' + M'(x) v^2/2, M = 2 kg (1 + x/x_max / 4)."""
     term = next(t for t in TERMS if t.name == "inertia by position")
