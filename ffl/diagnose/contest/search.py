@@ -196,7 +196,7 @@ def _climb(
             if one is not base:
                 contenders = {k: v for k, v in contenders.items() if k in one.model.names}
                 base = one
-        if not anew and base.model.names == standing.model.names:
+        if not anew and base.model.effects and base.model.names == standing.model.names:
             return Outcome(base, steps, held, contenders)
         if not heard and base.model.names != standing.model.names and quieter(quiet, base):
             say(f"{base.name}: the noise is heard anew")
@@ -231,7 +231,7 @@ def _climb(
             room = most - joined if at_once else 0
             steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
             base, accepted = steps[-1].before, steps[-1].accepted
-        if accepted is None and reserve and set(base.model.names) & DRY:
+        if accepted is None and reserve and _rubs(base, steps):
             # The same company once more, with those in it that were kept back.
             reserve, standing, last_error, again, anew = frozenset(), base, np.inf, True, False
             told = base.model.names
@@ -241,6 +241,15 @@ def _climb(
         standing, again, anew, heard, barred = accepted, False, True, False, frozenset()
         scene = replace(scene, trials=accepted.scene.trials)  # with the clocks it settled on
         held = accepted.held
+
+
+def _rubs(base: Judged, steps: Sequence[Step]) -> bool:
+    """Dry friction stands, or would take very much off the fitted recordings where nothing else stands,
+    and does not hold in others: friction that changes along the way is none of one level."""
+    if base.model.effects:
+        return bool(set(base.model.names) & DRY)
+    last = steps[-1].rivals if steps else ()
+    return any(r.model.names[-1] in DRY and r.fitted - base.fitted > UNTOLD for r in last)
 
 
 def _beyond_any_noise(
