@@ -19,6 +19,7 @@ from ffl.diagnose.contest.judging import (
     judge,
     levelled,
     likeliest,
+    raw_error,
     raw_residuals,
 )
 from ffl.diagnose.contest.rounds import Outcome
@@ -45,6 +46,10 @@ LOSS = 1.5  # times the mean square left: beyond it a refit of the same number a
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
+CONTACT = "presliding_friction"
+FINE = 0.1  # of the sensor's noise: a way that no recording shows
+UNSURE = 0.4  # of a stiffness: its standard error
+EASED = 1.1  # times the held-out squares that plain friction may leave in its place
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
     "stribeck_friction": ("static_level", "coulomb_level"),
     "asymmetric_friction": ("level_positive", "level_negative"),
@@ -169,15 +174,15 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
     of a friction have come together to within their standard error: what told them apart went into other
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
-    had crossed the line.)"""
+    had crossed the line.) Led by an observer a contact that gives way over less than any sensor shows, by
+    no sure stiffness, eases the jumps that corrections of the state make, and is none of the machine's."""
     model = judged.model
-    index = next((k for k, name in enumerate(model.names) if name in LEVELS), None)
+    index = next((k for k, name in enumerate(model.names) if name in (*LEVELS, CONTACT)), None)
     if index is None or judged.predicted:
         return judged, outcome
     spec = model.effects[index]
-    one, other = LEVELS[spec.name]
-    apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
-    if not apart < _spread(judged, index, one) + _spread(judged, index, other):
+    contact = spec.name == CONTACT
+    if not (_unseen if contact else _one_level)(judged, index):
         return judged, outcome
     plain = plain_form(spec)
     assert plain is not None
@@ -186,11 +191,28 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
     tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
-    if not tried.score > again.score - TIE:
+    worse = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
+    if worse if contact else not tried.score > again.score - TIE:
         return judged, outcome
     names = [PLAINEST, spec.name, *(name for name, _ in others)]
     pairs = list(zip(names, [tried, again, *rest], strict=True))
+    pairs = [pair for pair in pairs if not (contact and pair[0] == CONTACT)]
     return tried, replace(outcome, contenders={**outcome.contenders, PLAINEST: pairs})
+
+
+def _one_level(judged: Judged, index: int) -> bool:
+    spec = judged.model.effects[index]
+    one, other = LEVELS[spec.name]
+    apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
+    return apart < _spread(judged, index, one) + _spread(judged, index, other)
+
+
+def _unseen(judged: Judged, index: int) -> bool:
+    values = judged.model.effects[index].parameters
+    stiffness = float(values["stiffness"])
+    way = float(values["level"]) / stiffness
+    unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
+    return judged.scene.observed and unsure and way < FINE * judged.scene.noise.sensor
 
 
 def _spread(judged: Judged, index: int, name: str) -> float:
