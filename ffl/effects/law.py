@@ -16,8 +16,9 @@ Force laws are given the motion at their point: X0, V0 at the start; X1, V1 at t
 be without the force of this effect, all others included; and the response of the end to a unit
 mean (GX, GV) and a unit slope (GX_SLOPE, GV_SLOPE). They solve for their own MEAN and SLOPE
 (which hold the last iterate) and must leave `s` alone, but for scratch; FIRST marks the first call
-of a sub-step, and SENT is the mean of the command that reached the plant. Laws of effects that `remember` are called once more with COMMIT set: then X1, V1 are
-final, all forces included, and the state moves on.
+of a sub-step, and SENT is the mean of the command that reached the plant. Laws of effects that
+`remember` are called once more with COMMIT set: then X1, V1 are final, all forces included, and the
+state moves on.
 Output laws map MEAN, the noise-free measured value, to what the sensor says, once per sample.
 """
 

@@ -49,7 +49,7 @@ LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": 
 CONTACT = "presliding_friction"
 FINE = 0.1  # of the sensor's noise: a way that no recording shows
 UNSURE = 0.4  # of a stiffness: its standard error
-EASED = 1.1  # times the held-out squares that plain friction may leave in its place
+EASED = 1.25  # times the held-out squares that plain friction may leave in its place
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
     "stribeck_friction": ("static_level", "coulomb_level"),
     "asymmetric_friction": ("level_positive", "level_negative"),

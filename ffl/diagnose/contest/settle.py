@@ -18,6 +18,7 @@ from ffl.diagnose.contest.judging import (
     judge,
     levelled,
     likeliest,
+    stays,
 )
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.rounds import Step
@@ -111,7 +112,7 @@ def settle(
             f"  without {name}: {without.fitted - current.fitted:+.1f} fitted, "
             f"{without.held_out - current.held_out:+.1f} held out"
         )
-        worthy = current.score >= without.score + KEEP and earns(current, without, 0.0)
+        worthy = stays(current, without, KEEP)
         if not worthy and len(current.model.effects) > 1:
             # Of a free run that goes its own way the held-out recordings may gain hundreds by chance.
             current = _in_another_form(quiet, held, current, without, index, steps, say)
@@ -121,8 +122,7 @@ def settle(
         if own is None or abs(own[1].fitted - current.fitted) > SUBSTITUTE:
             before = []  # the company has changed since
         others = [(name, current), *(pair for pair in before if pair is not own)]
-        falls = name == BY_DIRECTION
-        only = PLIABLE | ({FALLING} if falls else set()) if before else None
+        only = PLIABLE | ({FALLING} if name == BY_DIRECTION else set()) if before else None
         found = challengers(quiet, current, index, steps, reserve, only)
         others += _in_its_place(quiet, held, current, without, index, found, say)
         names, tried = zip(*others, strict=True)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.contest.judging import Judged, earns, judge, levelled, likeliest
+from ffl.diagnose.contest.judging import Judged, credible, earns, judge, levelled, likeliest
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene, is_far
 from ffl.diagnose.contest.settle import DRY
@@ -120,9 +120,8 @@ def together(
     if not tried:
         return None
     # By the noise of each: what one leaves may be slow, and more of it than of what is noise at no time.
-    judged = likeliest(
-        each(lambda entry: judge(entry[0], held, entry[1].model, STEPS, entry[1]), tried)
-    )
+    all_judged = each(lambda entry: judge(entry[0], held, entry[1].model, STEPS, entry[1]), tried)
+    judged = likeliest([j for j in all_judged if credible(j)] or all_judged)
     say(
         f"  together {judged.name}: {judged.fitted - base.fitted:+.1f} fitted, "
         f"{judged.held_out - base.held_out:+.1f} held out"

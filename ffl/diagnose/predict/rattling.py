@@ -258,7 +258,7 @@ def burdened(found: Hypothesis, scene: Scene) -> Hypothesis:
 
 
 def _with_load(found: Hypothesis, force: float, place: Place, zone: float) -> Hypothesis:
-    """`found` with a load of `force` before its play, and what dead zones it has at `zone` of their width."""
+    """`found` with a load of `force` before its play, and its dead zones at `zone` of their width."""
     effects = [
         replace(e, parameters={k: zone * v for k, v in e.parameters.items()})
         if e.name == "dead_zone"

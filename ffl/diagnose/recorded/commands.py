@@ -47,9 +47,9 @@ def reached(plant: Plant, recordings: Sequence[Recording]) -> float | None:
 
 
 def passing(recordings: Sequence[Recording]) -> tuple[float, float]:
-    """(limit beyond which `BEYOND` of the commands go, half a dead zone that leaves `PASSES` of their RMS). What
-    leaves less switches the drive off: it would make noise of all that a machine does. (Where friction
-    takes most of the command a limit of a thousandth of it beat the friction.)"""
+    """(limit beyond which `BEYOND` of the commands go, half a dead zone that leaves `PASSES` of their RMS).
+    What leaves less switches the drive off: it would make noise of all that a machine does. (Where
+    friction takes most of the command a limit of a thousandth of it beat the friction.)"""
     sent = [r.u[np.isfinite(r.u)] for r in recordings]
     size = np.abs(np.concatenate(sent))
     wanted = PASSES**2 * float(np.sum(size**2))
