@@ -7,6 +7,7 @@ the controller going on by its own output, which r and y tell at the limit too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -67,8 +68,11 @@ def lets_through(spec: EffectSpec, passing: tuple[float, float]) -> bool:
     takes 98 % of a microscope stage's command: along the nominal motion, which asks for the rest alone,
     every limit is far below what was recorded, and one that a fit leaves at its bound is none.)"""
     limit, zone = passing
-    above = spec.name != "saturation" or spec.parameters["limit"] > INSIDE * limit
-    return above and (spec.name != "dead_zone" or spec.parameters["half_width"] * INSIDE < zone)
+    if spec.name == "saturation":
+        return bool(spec.parameters.get("limit", math.inf) > INSIDE * limit)
+    if spec.name == "dead_zone":
+        return bool(spec.parameters.get("half_width", 0.0) * INSIDE < zone)
+    return True
 
 
 def as_limited(plant: Plant, recording: Recording) -> Recording:

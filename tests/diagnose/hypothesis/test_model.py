@@ -15,7 +15,7 @@ from ffl.diagnose.hypothesis.places import drive_places, places_of
 from ffl.diagnose.noise.colour import colouring, loop_of
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.conclude import within_a_turn
-from ffl.diagnose.recorded.commands import EVERYTHING, PASSES, lets_through, passing
+from ffl.diagnose.recorded.commands import BEYOND, EVERYTHING, PASSES, lets_through, passing
 from ffl.diagnose.recorded.trials import prepare
 from ffl.diagnose.screen.screen import Screen
 from ffl.machines import SimulatedMachine
@@ -51,8 +51,11 @@ def test_a_limit_and_a_dead_zone_leave_something_of_the_command():
     run = Recording.from_signals(1e-3, u=u, y=np.zeros(5000))
     limit, dead = passing([run, run])
     rms = float(np.sqrt(np.mean(u**2)))
-    for left in (np.clip(u, -limit, limit), np.sign(u) * np.maximum(np.abs(u) - dead, 0.0)):
-        assert np.sqrt(np.mean(left**2)) == pytest.approx(PASSES * rms, rel=1e-3)
+    left = np.sign(u) * np.maximum(np.abs(u) - dead, 0.0)
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(PASSES * rms, rel=1e-3)
+    assert np.mean(np.abs(u) > limit) == pytest.approx(BEYOND, abs=1e-3)
+    # A controller that winds up: its commands tell nothing of the limit but that they are beyond it.
+    assert passing([replace(run, u=np.where(u > 2.0, 50.0 * u, u))])[0] == pytest.approx(limit, rel=1e-3)
     assert passing([replace(run, u=np.zeros(5000))]) == EVERYTHING
     base = Base.of(load_plant("emps"), passing=(limit, dead))
     tight = (
