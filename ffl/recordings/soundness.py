@@ -9,6 +9,7 @@ import numpy as np
 from ffl.recordings.command_findings import command_findings
 from ffl.recordings.finding import Finding
 from ffl.recordings.recording import COLUMNS, Recording
+from ffl.recordings.repeats import repeat_findings
 from ffl.recordings.sampling import accepts, examine_time
 from ffl.recordings.sensor_findings import constant_findings, sensor_findings
 from ffl.recordings.spikes import spike_findings
@@ -46,7 +47,8 @@ def soundness(recording: Recording, sample_time: float | None = None) -> Soundne
     """Everything in a recording that is not what the machine did.
 
     Looked for: short; not finite; backwards, repeated, gap and jitter in time; a sample time other
-    than `sample_time` [s]; constant columns; clipped and frozen output, and its spikes; saturated
+    than `sample_time` [s]; constant columns; clipped and frozen output, and its spikes; blocks written
+    twice; saturated
     command; the encoder's step; command against feedforward, output against reference (unit, sign).
     Faults need two signs that a healthy machine does not give together: a machine at rest under a
     coarse encoder is not frozen, a hold at the end of a stroke is not clipping, and neither is
@@ -85,6 +87,7 @@ def soundness(recording: Recording, sample_time: float | None = None) -> Soundne
         found += constant_findings(recording)
         found += sensor_findings(recording)
         found += spike_findings(recording)
+        found += repeat_findings(recording)
         found += command_findings(recording)
     order = {"fault": 0, "warning": 1, "note": 2}
     found.sort(key=lambda x: order[x.severity])

@@ -18,6 +18,9 @@ from ffl.systems.plant_file import suggest
 Array = np.ndarray
 
 _WITH_UNIT = re.compile(r"^(?P<name>[^\[\](){}]*\S)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
+_OVER_UNIT = re.compile(
+    r"^(?P<name>\S.*\S|\S)\s+/\s+(?P<unit>\S+)\s*$"
+)  # 'Weg / mm', as norms have it
 
 
 @dataclass(frozen=True)
@@ -77,8 +80,8 @@ class Table:
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """'pos [mm]' -> ('pos', 'mm'); a name without a unit stays as it is."""
-    match = _WITH_UNIT.match(name)
+    """'pos [mm]' or 'pos / mm' -> ('pos', 'mm'); a name without a unit stays as it is."""
+    match = _WITH_UNIT.match(name) or _OVER_UNIT.match(name)
     return (match["name"], match["unit"].strip() or None) if match else (name, None)
 
 

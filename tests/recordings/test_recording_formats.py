@@ -134,6 +134,35 @@ WRITERS = {
 }
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".hdf5", ".csv"])
+def test_names_as_a_file_has_them(tmp_path, recording, suffix):
+    """Fields of a structured array, groups with slashes, a unit after a slash."""
+    path, names = tmp_path / f"x{suffix}", {c: c for c in REQUIRED}
+    kind = [(c, float) for c in REQUIRED]
+    axis = np.array(list(zip(*(getattr(recording, c) for c in REQUIRED), strict=True)), kind)
+    if suffix in (".npz", ".hdf5"):
+        if suffix == ".npz":
+            np.savez_compressed(path, axis=axis)
+        else:
+            with h5py.File(path, "w") as file:
+                file["axis"] = axis
+        names = {c: f"axis.{c}" for c in REQUIRED}
+    elif suffix == ".h5":
+        _hdf5(path, recording)
+        names = {c: f"rec/{c}" for c in REQUIRED}
+    else:
+        head = "t / s;r / mm;f / N;u / N;y / mm"
+        rows = np.column_stack([getattr(recording, c) for c in ("t", "r", "f", "u", "y")])
+        np.savetxt(path, rows, "%.17g", ";", header=head, comments="")
+    lines = [f'{c} = "{name}"' for c, name in names.items()]
+    (tmp_path / "x.map.toml").write_text("\n".join(["[columns]", *lines]))
+    read = read_recording(path)
+    for column in REQUIRED:
+        assert np.array_equal(getattr(read, column), getattr(recording, column))
+    if suffix == ".csv":
+        assert read_recording(path).units["y"] == "mm"
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_same_bits_from_every_format(tmp_path, recording, same_bits, name):
     path = tmp_path / name

@@ -144,6 +144,28 @@ def test_time_and_length(recording):
         check_recording(holed)
 
 
+@pytest.mark.parametrize(("name", "length"), [("plain", 40), ("coarse encoder", 90), ("sine", 300)])
+def test_a_block_written_twice(rng, name, length):
+    """In a file without time; a period that comes again is none."""
+    x = loop(rng, **SOUND[name])
+    at = np.concatenate([np.arange(1500), np.arange(1500 - length, len(x))])
+    columns = {k: getattr(x, k)[at] for k in ("y", "u", "r", "f")}
+    twice = Recording.from_signals(x.sample_time, **columns)
+    (found,) = (f for f in soundness(twice).findings if f.kind == "repeated_block")
+    assert found.severity == "fault"
+    assert found.value == length
+    assert found.time_s[0][0] == pytest.approx(1500 * x.sample_time, abs=2 * x.sample_time)
+    assert f"{length} samples" in found.text
+
+
+def test_what_goes_on_repeating_itself_is_no_block_written_twice(rng):
+    y = np.tile(np.round(rng.normal(size=200), 2), 12)
+    u = np.tile(rng.normal(size=200), 12)
+    for columns in ({"y": y, "u": u}, {"y": y[:650], "u": u[:650]}, {"y": 0.0 * y, "u": u}):
+        found = soundness(Recording.from_signals(1e-3, **columns)).findings
+        assert "repeated_block" not in {f.kind for f in found}
+
+
 def test_constant_columns(recording):
     still = replace(recording, y=np.full(4000, 2.0))
     assert "constant" in kinds(still)

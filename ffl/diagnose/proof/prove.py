@@ -58,8 +58,10 @@ class Proof:
 
     @property
     def withdrawn(self) -> Proof:
-        """The proof of an answer that claims nothing: after is before, what a map draws apart."""
+        """The proof of an answer that claims nothing: after is before, what a map draws apart. Noise by
+        which what was withdrawn had explained itself, louder than all that is left, is none."""
         drawn = self.nrmse_with_map is not None
+        unheard = self.noise_floor >= LOUDER * self.nrmse_before
         overlays = self.overlays
         if not drawn:
             overlays = tuple(replace(o, y_after=o.y_before, u_after=o.u_before) for o in overlays)
@@ -69,6 +71,8 @@ class Proof:
             u_nrmse_after=self.u_nrmse_before,
             interval=(0.0, 0.0),
             overlays=overlays,
+            noise_floor=self.nrmse_before if unheard else self.noise_floor,
+            untold=self.untold or unheard,
         )
 
 

@@ -55,7 +55,9 @@ def test_a_limit_and_a_dead_zone_leave_something_of_the_command():
     assert np.sqrt(np.mean(left**2)) == pytest.approx(PASSES * rms, rel=1e-3)
     assert np.mean(np.abs(u) > limit) == pytest.approx(BEYOND, abs=1e-3)
     # A controller that winds up: its commands tell nothing of the limit but that they are beyond it.
-    assert passing([replace(run, u=np.where(u > 2.0, 50.0 * u, u))])[0] == pytest.approx(limit, rel=1e-3)
+    assert passing([replace(run, u=np.where(u > 2.0, 50.0 * u, u))])[0] == pytest.approx(
+        limit, rel=1e-3
+    )
     assert passing([replace(run, u=np.zeros(5000))]) == EVERYTHING
     base = Base.of(load_plant("emps"), passing=(limit, dead))
     tight = (
