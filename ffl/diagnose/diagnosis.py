@@ -43,6 +43,7 @@ from ffl.diagnose.result import Diagnosis
 from ffl.diagnose.transmission.transmission import transmission
 from ffl.errors import InputError
 from ffl.recordings import Recording, shared_clock
+from ffl.recordings.repeats import repeat_findings
 from ffl.systems.plant import Plant
 
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
@@ -101,6 +102,7 @@ def _diagnose_output(
     """What the model leaves out of y."""
     _require_stable(model)
     _require_others(recordings, validation)
+    _require_once([*recordings, *validation])
     everything = [commanded(model, r) for r in (*recordings, *validation)]
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
@@ -288,6 +290,13 @@ def _require_others(recordings: Sequence[Recording], validation: Sequence[Record
                     f"{v.source}: judges what was fitted to the same samples ({r.source}); validate with "
                     "another recording, or leave --validate out: then the last 30 % judge"
                 )
+
+
+def _require_once(recordings: Sequence[Recording]) -> None:
+    """No block of samples written twice: the machine would jump back to where it was."""
+    for r in recordings:
+        for finding in repeat_findings(r):
+            raise InputError(f"{r.source}: {finding.text}")
 
 
 def _require_stable(model: Plant) -> None:

@@ -16,14 +16,17 @@ from ffl.recordings.recording import Recording
 SHORTEST, LONGEST = 8, 1000  # samples of a block
 PART = 4  # of a recording a block is at most this part
 MOVING = 5  # different values of two columns that a block holds: what stands still repeats itself
-ALONE = 64  # the same of one, where it is the only one that moves
+ALONE, NEW = (
+    64,
+    20,
+)  # of one, where it is the only one that moves: so many, or all of at least so many
 MOST = 3e8  # comparisons
 
 
 def repeated(columns: Sequence[Array]) -> list[tuple[int, int]]:
     """(first sample of the copy, samples) of every block that follows itself at once in all `columns`
-    (N,), in which several take several values, or one takes many. What goes on repeating itself, or does to
-    the end of the recording, is periodic, and none."""
+    (N,), in which several take several values, or one takes many or is never the same. What goes on
+    repeating itself, or does to the end of the recording, is periodic, and none."""
     n = len(columns[0])
     out: list[tuple[int, int]] = []
     for length in range(SHORTEST, min(LONGEST, n // PART, int(MOST / max(n, 1))) + 1):
@@ -40,7 +43,8 @@ def repeated(columns: Sequence[Array]) -> list[tuple[int, int]]:
             if end - begin >= 2 * length or end == len(same):
                 continue
             values = [len(np.unique(column[block])) for column in columns]
-            if max(values) >= ALONE or sum(v >= MOVING for v in values) > 1:
+            enough = ALONE if length > ALONE else max(length, NEW)
+            if max(values) >= enough or sum(v >= MOVING for v in values) > 1:
                 out.append((int(begin) + length, length))
     return out
 

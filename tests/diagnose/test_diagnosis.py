@@ -16,6 +16,7 @@ from ffl.diagnose.recorded.trials import commanded, prepare
 from ffl.effects import mechanics_of
 from ffl.errors import InputError
 from ffl.machines import Simulator
+from ffl.recordings import Recording
 from ffl.report.diagnosis import print_answer, write
 from ffl.systems import load_plant
 from ffl.systems.plant import EffectSpec
@@ -212,3 +213,12 @@ def test_the_lines_of_an_answer_say_what_stands(capsys):
     fault = {"verdict": "inconclusive", "effects": [], "location": {}, "advice": ["flip y"]}
     print_answer({**fault, "model_corrections": []})
     assert "is to be mended before these recordings can tell" in capsys.readouterr().out
+
+
+def test_a_block_written_twice_is_refused(stage, record):  # type: ignore[no-untyped-def]
+    fit, held = record(stage)
+    at = np.concatenate([np.arange(640), np.arange(600, len(fit))])
+    columns = {name: getattr(fit, name)[at] for name in ("r", "f", "u", "y")}
+    twice = Recording.from_signals(fit.sample_time, **columns)
+    with pytest.raises(InputError, match=r"the 40 samples from .* written twice"):
+        diagnose(stage, [twice], [held])

@@ -158,6 +158,17 @@ def test_a_block_written_twice(rng, name, length):
     assert f"{length} samples" in found.text
 
 
+def test_a_block_written_twice_beside_a_command_of_two_values(rng):
+    at = np.concatenate([np.arange(740), np.arange(700, 1500)])
+    u, y = np.where(np.arange(1500) % 300 < 150, 20.0, 70.0), rng.normal(size=1500)
+    (found,) = (
+        f
+        for f in soundness(Recording.from_signals(0.02, u=u[at], y=y[at])).findings
+        if f.kind == "repeated_block"
+    )
+    assert (found.value, found.time_s[0][0]) == (40, pytest.approx(740 * 0.02))
+
+
 def test_what_goes_on_repeating_itself_is_no_block_written_twice(rng):
     y = np.tile(np.round(rng.normal(size=200), 2), 12)
     u = np.tile(rng.normal(size=200), 12)
