@@ -244,12 +244,11 @@ def _climb(
 
 
 def _rubs(base: Judged, steps: Sequence[Step]) -> bool:
-    """Dry friction stands, or would take very much off the fitted recordings where nothing else stands,
-    and does not hold in others: friction that changes along the way is none of one level."""
+    """Dry friction stands, or, where nothing does, would take very much off the fitted recordings alone."""
     if base.model.effects:
         return bool(set(base.model.names) & DRY)
-    last = steps[-1].rivals if steps else ()
-    return any(r.model.names[-1] in DRY and r.fitted - base.fitted > UNTOLD for r in last)
+    dry = [r for step in steps[-1:] for r in step.rivals if r.model.names[-1] in DRY]
+    return any(r.fitted - base.fitted > UNTOLD for r in dry)
 
 
 def _beyond_any_noise(
@@ -261,9 +260,8 @@ def _beyond_any_noise(
     say: Callable[[str], None],
 ) -> list[Step]:
     """Several effects that come in at once where no noise is stated, and so all that is left may pass for
-    it: they are looked for under the loudest noise there can be, and others beside them for as long as they
-    leave far more. (A robot's joint with gravity and friction left out shook by 20 % of its command to all
-    appearance; nothing was far from what noise would do.)"""
+    it: they are looked for under the loudest noise there can be, and others for as long as more is left. (A
+    robot's joint with gravity and friction left out shook by 20 % of its command to all appearance.)"""
     if scene.guess is None:
         return []
     capped = replace(scene, loudest=scene.guess, loop=standing.fit.loop)
@@ -284,8 +282,8 @@ def _beyond_any_noise(
         if step.accepted is None:
             break
         steps, several = [*steps, step], step.accepted
-    several = replace(several, scene=replace(several.scene, loudest=None))
-    return [*steps[:-1], replace(steps[-1], accepted=several)]
+    free = replace(several, scene=replace(several.scene, loudest=None))
+    return [*steps[:-1], replace(steps[-1], accepted=free)]
 
 
 def _round(
