@@ -191,8 +191,11 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
     tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
-    worse = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
-    if worse if contact else not tried.score > again.score - TIE:
+    if contact:
+        refused = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
+    else:
+        refused = not tried.score > again.score - TIE
+    if refused:
         return judged, outcome
     names = [PLAINEST, spec.name, *(name for name, _ in others)]
     pairs = list(zip(names, [tried, again, *rest], strict=True))

@@ -115,8 +115,7 @@ def compare(
             bursts = _beyond(bursts, scene, more, stated)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     at_ease = loud < QUIET_ENOUGH and not bursts.found
-    # What a limit leaves that should fall with speed may have been heard as noise.
-    if named and (not at_ease or "saturation" in standing.names):
+    if named:  # what a limit leaves that should fall with speed may have been heard as noise
         falls = _falling(scene, held, standing, nominal)
         if falls is not None:
             return falls
