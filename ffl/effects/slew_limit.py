@@ -33,7 +33,7 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
     s[0] = wanted
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _limited(u: Array, most: float) -> Array:
     """Mean over each sample of u, held, behind a drive that changes by `most` in a sample."""
     out = np.empty(len(u))

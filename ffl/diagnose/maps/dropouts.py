@@ -264,7 +264,7 @@ def _loaded(trial: Trial, load: Array) -> Trial:
     return replace(trial, load=load if trial.load is None else trial.load + load)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _posteriors(u, seen, power, odds, sign, sweeps):  # type: ignore[no-untyped-def]
     """(probability that each sample was lost, expected force, lower bound of the log-likelihood gained).
 

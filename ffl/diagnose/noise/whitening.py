@@ -21,7 +21,7 @@ SETTLED = 1e-7  # relative change of the gain at which it is taken as steady
 MOST_STEPS = 5000
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _riccati(a, c, q, s, r, p, steps):  # type: ignore[no-untyped-def]
     """Gains (m, n) and scales (m,) until steady; x+ = A x + w, e = C x + v, cov (w, v) = (q, s; r)."""
     n = a.shape[0]
@@ -47,7 +47,7 @@ def _riccati(a, c, q, s, r, p, steps):  # type: ignore[no-untyped-def]
     return gains[:used], scales[:used]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _innovations(a, c, gains, scales, x):  # type: ignore[no-untyped-def]
     """Scaled innovations of every column of x (N, k)."""
     n, samples, k = a.shape[0], x.shape[0], x.shape[1]
@@ -82,7 +82,7 @@ def _innovations(a, c, gains, scales, x):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _innovations_of_one(a, c, gains, scales, x):  # type: ignore[no-untyped-def]
     """`_innovations` of one signal x (N,)."""
     n, samples = a.shape[0], x.shape[0]

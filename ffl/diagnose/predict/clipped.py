@@ -26,7 +26,7 @@ LOST, MEMORY = 6.0, 0.1
 UNLIKELY = 1e-12  # a side of a wall that is not looked at
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _beyond(depth, spread):  # type: ignore[no-untyped-def]
     """(probability of being above zero, mean and mean square of max(0, d)) of d, Gaussian about `depth`."""
     a = depth / spread
@@ -40,7 +40,7 @@ def _beyond(depth, spread):  # type: ignore[no-untyped-def]
     return share, spread * (a * share + bell), spread * spread * square
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _level(grid, values, x):  # type: ignore[no-untyped-def]
     """Straight between knots, constant beyond the ends."""
     if x <= grid[0]:
@@ -52,7 +52,7 @@ def _level(grid, values, x):  # type: ignore[no-untyped-def]
     return values[-1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _seen(x, p, row, out):  # type: ignore[no-untyped-def]
     """(mean, variance) of row x; `out` becomes p row."""
     n = len(x)
@@ -69,7 +69,7 @@ def _seen(x, p, row, out):  # type: ignore[no-untyped-def]
     return mean, square
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _clip(x, p, pq, q, square, kick, up, down, held):  # type: ignore[no-untyped-def]
     """What `q`, of variance `square` and with pq = P row, is beyond up and -down is taken off x and P
     (`held`), or what it is within them."""
@@ -89,7 +89,7 @@ def _clip(x, p, pq, q, square, kick, up, down, held):  # type: ignore[no-untyped
             p[j, i] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _side(low, high):  # type: ignore[no-untyped-def]
     """(probability, mean, variance) of a standard Gaussian between `low` and `high`."""
     if low > 0.0:  # the side where tails are exact
@@ -109,7 +109,7 @@ def _side(low, high):  # type: ignore[no-untyped-def]
     return share, mean, max(square, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ignore[no-untyped-def]
     """(innovation, its standard deviation, logarithm of the density of y) with x and p brought to what y
     tells; the first two on the side of the play that is the likeliest then. pq (n,), xs and gains (3, n):
@@ -185,7 +185,7 @@ def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ig
     return errors[best], np.sqrt(powers[best]), logs[best] + np.log(total)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def predicted(  # type: ignore[no-untyped-def]
     y, drive, lean, x, p, move, colour, renewed, steps, row, spot, friction, kick, table, ease, bristle,
     stretch, half, again, white,
