@@ -22,28 +22,72 @@ MOST_STEPS = 5000
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _riccati(a, c, q, s, r, p, steps):  # type: ignore[no-untyped-def]
-    """Gains (m, n) and scales (m,) until steady; x+ = A x + w, e = C x + v, cov (w, v) = (q, s; r)."""
-    n = a.shape[0]
+def _lower(m):  # type: ignore[no-untyped-def]
+    """m (rows, columns) made lower triangular from the right, by Householder reflections of its columns."""
+    rows, columns = m.shape
+    for i in range(rows):
+        square = 0.0
+        for j in range(i, columns):
+            square += m[i, j] * m[i, j]
+        if square == m[i, i] * m[i, i]:
+            continue
+        end = -np.sqrt(square) if m[i, i] > 0.0 else np.sqrt(square)
+        first = m[i, i] - end
+        for q in range(i + 1, rows):
+            dot = first * m[q, i]
+            for j in range(i + 1, columns):
+                dot += m[i, j] * m[q, j]
+            dot /= end * first
+            m[q, i] += dot * first
+            for j in range(i + 1, columns):
+                m[q, j] += dot * m[i, j]
+        m[i, i] = end
+        m[i, i + 1 :] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _riccati(a, c, inward, outward, root, steps):  # type: ignore[no-untyped-def]
+    """Gains (m, n) and scales (m,) until steady, of x+ = A x + F w, e = c x + h w, w white, of variance 1;
+    inward F (n, k), outward h (k,), root (n, n) S with S S' the covariance at the start.
+
+    The array form, S alone and never S S': what states that nearly run together leave of a covariance
+    by differences is lost to rounding (a mode at 1/26 of the sampling rate behind an observer was).
+
+        [h  c S; F  A S] Q = [scale  0; gain scale  S+]        (Kailath, Sayed, Hassibi 2000, 12.3)
+    """
+    n, k = inward.shape
+    m = np.empty((n + 1, k + n))
     gains = np.empty((steps, n))
     scales = np.empty(steps)
     used = 0
     for t in range(steps):
-        pc = p @ c
-        variance = c @ pc + r
-        gain = (a @ pc + s) / variance
-        gains[t] = gain
-        scales[t] = np.sqrt(variance)
+        for j in range(k):
+            m[0, j] = outward[j]
+            for i in range(n):
+                m[i + 1, j] = inward[i, j]
+        for j in range(n):
+            total = 0.0
+            for q in range(n):
+                total += c[q] * root[q, j]
+            m[0, k + j] = total
+        for i in range(n):
+            m[i + 1, k:] = 0.0
+            for q in range(n):
+                if a[i, q] != 0.0:
+                    for j in range(n):
+                        m[i + 1, k + j] += a[i, q] * root[q, j]
+        _lower(m)
+        scales[t] = abs(m[0, 0])
+        gains[t] = m[1:, 0] / m[0, 0]
+        root[:] = m[1:, 1 : n + 1]
         used = t + 1
         if t > 0:
-            change = np.abs(gain - gains[t - 1]).max()
+            change = np.abs(gains[t] - gains[t - 1]).max()
             if (
-                change <= SETTLED * np.abs(gain).max()
+                change <= SETTLED * np.abs(gains[t]).max()
                 and abs(scales[t] - scales[t - 1]) <= SETTLED * scales[t]
             ):
                 break
-        p = a @ p @ a.T + q - np.outer(gain, gain) * variance
-        p = 0.5 * (p + p.T)
     return gains[:used], scales[:used]
 
 
@@ -105,16 +149,34 @@ def _innovations_of_one(a, c, gains, scales, x):  # type: ignore[no-untyped-def]
     return out
 
 
-def _stationary(a: Array, q: Array) -> Array:
-    """Sum of A^k Q A'^k by doubling: no linear system of n^2 unknowns, so scales do not matter."""
-    p, power = q, a
+def _stationary(a: Array, inward: Array) -> Array:
+    """S (n, n), S S' the sum of A^k F F' A'^k, by doubling: no linear system of n^2 unknowns, so scales do
+    not matter."""
+    root, power = _compact(inward), a
     for _ in range(40):
-        change = power @ p @ power.T
-        p = p + change
+        more = power @ root
+        size = np.sum(root**2, axis=1)
+        root = _compact(np.hstack([root, more]))
         power = power @ power
-        if np.all(np.abs(change) <= 1e-13 * np.sqrt(np.outer(np.diag(p), np.diag(p)))):
+        if np.all(np.sum(more**2, axis=1) <= 1e-13 * size):
             break
-    return p
+    return root
+
+
+def _compact(root: Array) -> Array:
+    """(n, n) of the same covariance as root (n, k)."""
+    n, k = root.shape
+    wide = np.hstack([root, np.zeros((n, max(n - k, 0)))])
+    _lower(wide)
+    return wide[:, :n]
+
+
+def _root(covariance: Array) -> Array:
+    """S with S S' = covariance, of whatever scales and whatever rank."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 @dataclass(frozen=True)
@@ -140,19 +202,19 @@ class Whitener:
         a[:n, n], a[:n, n + 1] = sensor, force
         a[n, n], a[n + 1, n + 1] = ar
         c = np.concatenate([system.c[0], [1.0, through]])
-        g_force, g_sensor = np.append(force, [0.0, 0.0]), np.append(sensor, [0.0, 0.0])
-        q = noise.force**2 * np.outer(g_force, g_force)
-        q += noise.sensor**2 * np.outer(g_sensor, g_sensor)
-        q[n, n] += sizes[0] ** 2 * (1 - ar[0] ** 2)
-        q[n + 1, n + 1] += sizes[1] ** 2 * (1 - ar[1] ** 2)
-        s = noise.sensor**2 * g_sensor + noise.force**2 * through * g_force
-        r = noise.sensor**2 + (noise.force * through) ** 2
-        p = _stationary(a, q)
-        if start is not None:
-            p[:n, :n] += start
+        inward, outward = np.zeros((n + 2, 4)), np.zeros(4)
+        inward[:n, 0], outward[0] = noise.force * force, noise.force * through
+        inward[:n, 1], outward[1] = noise.sensor * sensor, noise.sensor
+        inward[[n, n + 1], [2, 3]] = sizes * np.sqrt(1.0 - ar**2)
         # Output units may be 1e-6 of a metre: scale so that the recursion works near one.
-        gains, scales = _riccati(a, c, q / r, s / r, 1.0, p / r, steps)
-        return cls(a, c, gains, scales * np.sqrt(r))
+        size = float(np.linalg.norm(outward))
+        root = _stationary(a, inward / size)
+        if start is not None:
+            doubt = np.zeros((n + 2, n))
+            doubt[:n] = _root(start) / size
+            root = _compact(np.hstack([root, doubt]))
+        gains, scales = _riccati(a, c, inward / size, outward / size, root, steps)
+        return cls(a, c, gains, scales * size)
 
     def __call__(self, columns: Array) -> Array:
         """Whitened `columns`, (N,) or (N, k), of one recording."""

@@ -29,6 +29,7 @@ GRID, LOWEST = (
     400,
     1e-5,
 )  # frequencies at which it is looked at, from this share of the sampling rate
+LIGHT = 0.3  # damping ratio below which a mode rings
 EDGE = 1.0 - 1e-4  # poles beyond this magnitude count as integrating: a free run would remember
 
 
@@ -52,11 +53,17 @@ def decay_for(recordings: Sequence[Recording]) -> float:
 
 
 def with_observer(model: Plant, decay: float) -> Plant:
-    """`model` under the gentlest LQG controller that lets no error live longer than 1/`decay`."""
+    """`model` under the gentlest LQG controller that lets no error live longer than 1/`decay`, but for
+    errors in the vibrations that die by themselves: a controller that damps them holds for a mode at
+    exactly the stated frequency, and its loop is lost where the machine's lies a per cent beside it."""
+    system = as_state_space(model.system)
+    led = _without_vibrations(system, decay)
     best = model
-    for plant in _observed(model):
+    for plant in _observed(model, led):
+        if led is not system and best is not model and _loudness(plant) > FIRM:
+            break
         best = plant
-        if decay_of(plant) >= decay:
+        if decay_of(replace(plant, system=led)) >= decay:
             break
     return best
 
@@ -64,17 +71,42 @@ def with_observer(model: Plant, decay: float) -> Plant:
 def with_firm_observer(model: Plant) -> Plant:
     """`model` under the firmest LQG controller that leaves its loop a margin, |S| <= FIRM."""
     best = model
-    for plant in _observed(model):
-        response = plant.loop.system.response(np.geomspace(LOWEST, 0.5, GRID) / model.sample_time)
-        if np.abs(response[:, 0, 3]).max() > FIRM and best is not model:
+    for plant in _observed(model, as_state_space(model.system)):
+        if best is not model and _loudness(plant) > FIRM:
             break
         best = plant
     return best
 
 
-def _observed(model: Plant) -> Iterator[Plant]:
-    """`model` under LQG controllers, from gentle to firm."""
-    p = as_state_space(model.system)
+def _loudness(plant: Plant) -> float:
+    """Largest |S|, its peaks at the loop's own frequencies included."""
+    own = np.abs(np.angle(plant.loop.poles)) / (2 * np.pi)
+    grid = np.concatenate([np.geomspace(LOWEST, 0.5, GRID), own[own > LOWEST]])
+    return float(np.abs(plant.loop.system.response(grid / plant.sample_time)[:, 0, 3]).max())
+
+
+def _without_vibrations(system: StateSpace, decay: float) -> StateSpace:
+    """`system` without its stable, lightly damped modes above `decay` (rad/s); itself where it has none."""
+
+    def stays(pole: complex) -> bool:
+        rate = np.log(complex(pole) or 1e-300) / system.sample_time
+        return abs(pole) > EDGE or abs(rate) <= decay or -rate.real > LIGHT * abs(rate)
+
+    kept = sum(stays(pole) for pole in system.poles)
+    if kept == system.order:
+        return system
+    a, turn, count = scipy.linalg.schur(system.a, sort=lambda re, im: stays(complex(re, im)))
+    if count != kept:  # rounding moved a pole over the line: better all than half a mode
+        return system
+    mix = scipy.linalg.solve_sylvester(a[:kept, :kept], -a[kept:, kept:], -a[:kept, kept:])
+    b, c = turn.T @ system.b, system.c @ turn
+    return StateSpace(
+        a[:kept, :kept], b[:kept] - mix @ b[kept:], c[:, :kept], system.d, system.sample_time
+    )
+
+
+def _observed(model: Plant, p: StateSpace) -> Iterator[Plant]:
+    """`model` under LQG controllers made for `p`, from gentle to firm."""
     scale = np.sqrt(np.abs(np.diag(p.b @ p.b.T)).max())
     for exponent in np.arange(16.0, -16.0, -0.5):
         weight = 10.0**exponent * np.linalg.norm(p.c) ** 2 * max(scale, 1e-300) ** 2
