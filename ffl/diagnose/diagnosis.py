@@ -35,9 +35,10 @@ from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
 from ffl.diagnose.recorded.commands import as_limited, passing, reached
 from ffl.diagnose.recorded.glitches import without_glitches
+from ffl.diagnose.recorded.holds import HELD, moves
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
-from ffl.diagnose.recorded.trials import blocks, commanded, prepare, stretches
+from ffl.diagnose.recorded.trials import blocks, commanded, prepared, stretches
 from ffl.diagnose.recorded.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
 from ffl.diagnose.result import Diagnosis
 from ffl.diagnose.transmission.transmission import transmission
@@ -177,9 +178,14 @@ def _named(
     if not validation:
         recordings, validation = blocks(recordings)
         notes.append("no validation recording was given: the last 30 % of each recording judged")
+    recordings, validation = (
+        [move for r in group for move in moves(model, r)] for group in (recordings, validation)
+    )
+    if sum(map(len, (*recordings, *validation))) < sum(map(len, everything)):
+        notes.append(HELD)
     short, short_held = stretches(recordings, LONG), stretches(validation, LONG)
-    trials = tuple(prepare(base.simulator, r, prior.sensor) for r in short)
-    judging = tuple(prepare(base.simulator, r, prior.sensor) for r in short_held)
+    trials = prepared(base.simulator, short, prior.sensor)
+    judging = prepared(base.simulator, short_held, prior.sensor)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if seen.observed:
         scene = replace(scene, slowest=seen.slowest, observed=True)
@@ -225,8 +231,8 @@ def _named(
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")
-        trials = tuple(prepare(base.simulator, r, prior.sensor) for r in recordings)
-        judging = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
+        trials = prepared(base.simulator, recordings, prior.sensor)
+        judging = prepared(base.simulator, validation, prior.sensor)
         scene, held = replace(standing.scene, trials=trials), replace(held, trials=judging)
         scene = with_starts(scene, standing.model)
         held = with_starts(held.like(scene), standing.model)
@@ -239,7 +245,7 @@ def _named(
     held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others
-        own = tuple(prepare(base.simulator, r, prior.sensor) for r in validation)
+        own = prepared(base.simulator, validation, prior.sensor)
     run = nominal.follow if held.observed else nominal.simulate
     before = [run(trial) for trial in own]
     if told.base is not base:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -225,18 +226,39 @@ def _in_phase(scene: Scene, model: Model, from_trial: int) -> Scene:
     spec = next(e for e in model.acting if e.name == "periodic_disturbance")
     period = 1.0 / float(spec.parameters["frequency"])
     quiet = _without(model, spec.name)
-    trials = list(scene.trials[:from_trial])
-    for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
-        plain = quiet.follow(trial).y
-        sine = model.follow(trial).y - plain
-        quarter = replace(trial, start_time=trial.start_time + 0.25 * period)
-        cosine = model.follow(quarter).y - plain
-        table = trial.weighed(whitener(np.column_stack([sine, cosine, trial.y - plain])))
-        if np.all(np.isfinite(table)):
-            a, b = np.linalg.lstsq(table[:, :2], table[:, 2], rcond=None)[0]
-            turn = np.arctan2(b, a) / (2 * np.pi)
-            trial = replace(trial, start_time=trial.start_time + turn * period)
-        trials.append(trial)
+
+    def shift(group: Sequence[tuple[Trial, Whitener]]) -> float:
+        tables = []
+        for trial, whitener in group:
+            plain = quiet.follow(trial).y
+            sine = model.follow(trial).y - plain
+            quarter = replace(trial, start_time=trial.start_time + 0.25 * period)
+            cosine = model.follow(quarter).y - plain
+            tables.append(trial.weighed(whitener(np.column_stack([sine, cosine, trial.y - plain]))))
+        table = np.concatenate(tables)
+        if not np.all(np.isfinite(table)):
+            return 0.0
+        a, b = np.linalg.lstsq(table[:, :2], table[:, 2], rcond=None)[0]
+        return float(np.arctan2(b, a) / (2 * np.pi)) * period
+
+    return _shifted(scene, shift, from_trial)
+
+
+def _shifted(
+    scene: Scene, shift: Callable[[Sequence[tuple[Trial, Whitener]]], float], from_trial: int
+) -> Scene:
+    """With the clocks of recordings turned on by what `shift` says of all pieces of one; those of which a
+    piece is before `from_trial` as they are."""
+    groups: list[list[tuple[Trial, Whitener]]] = []
+    for k, (trial, whitener) in enumerate(zip(scene.trials, scene.whiteners, strict=True)):
+        if k and trial.goes_on:
+            groups[-1].append((trial, whitener))
+        else:
+            groups.append([(trial, whitener)])
+    trials: list[Trial] = []
+    for group in groups:
+        later = shift(group) if len(trials) >= from_trial else 0.0
+        trials += [replace(t, start_time=t.start_time + later) if later else t for t, _ in group]
     return replace(scene, trials=tuple(trials))
 
 
@@ -247,14 +269,18 @@ def _warmed(scene: Scene, model: Model, from_trial: int) -> Scene:
     if spec.options.get("kind", "exponential") != "exponential":
         return scene
     settling = float(spec.parameters["time_constant"])
-    trials = list(scene.trials[:from_trial])
-    for trial, whitener in list(zip(scene.trials, scene.whiteners, strict=True))[from_trial:]:
-        late = model.follow(replace(trial, start_time=SETTLED * settling)).y
-        early = model.follow(replace(trial, start_time=0.0)).y
-        table = trial.weighed(whitener(np.column_stack([early - late, trial.y - late])))
-        if np.all(np.isfinite(table)):
-            left = float(table[:, 0] @ table[:, 1]) / max(float(table[:, 0] @ table[:, 0]), 1e-300)
-            left = min(max(left, np.exp(-SETTLED)), 1.0)
-            trial = replace(trial, start_time=-settling * float(np.log(left)))
-        trials.append(trial)
-    return replace(scene, trials=tuple(trials))
+
+    def shift(group: Sequence[tuple[Trial, Whitener]]) -> float:
+        first, tables = group[0][0].start_time, []
+        for trial, whitener in group:
+            late = model.follow(replace(trial, start_time=SETTLED * settling)).y
+            early = model.follow(replace(trial, start_time=trial.start_time - first)).y
+            tables.append(trial.weighed(whitener(np.column_stack([early - late, trial.y - late]))))
+        table = np.concatenate(tables)
+        if not np.all(np.isfinite(table)):
+            return 0.0
+        left = float(table[:, 0] @ table[:, 1]) / max(float(table[:, 0] @ table[:, 0]), 1e-300)
+        left = min(max(left, np.exp(-SETTLED)), 1.0)
+        return -settling * float(np.log(left)) - first
+
+    return _shifted(scene, shift, from_trial)

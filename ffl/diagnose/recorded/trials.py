@@ -58,6 +58,7 @@ class Trial:
     unrest: Array | None = None  # times as loud as whitened noise should be (see `unrest`), >= 1
     warm: float = 0.0  # squared command that had warmed the machine before (see `warmth`)
     asked: Array | None = None  # by the controller, where the drive's stated limit was reached
+    goes_on: bool = False  # a later piece of the recording before it
 
     def __len__(self) -> int:
         return len(self.y)
@@ -215,6 +216,18 @@ def _standing(recording: Recording) -> float:
     off = abs(float(np.mean(means[:4]) - np.mean(means[4:])))
     stays = off < 4.0 * max(spread / np.sqrt(len(y) / 4), slow)
     return float(np.mean(y if stays else short))
+
+
+def prepared(
+    simulator: Simulator, recordings: Sequence[Recording], noise: float
+) -> tuple[Trial, ...]:
+    """The trials of `recordings`; those that are later pieces of the recording before them say so."""
+    out: list[Trial] = []
+    for recording in recordings:
+        trial = prepare(simulator, recording, noise)
+        later = out and out[-1].name == trial.name and trial.start_time > out[-1].t[-1]
+        out.append(replace(trial, goes_on=bool(later)))
+    return tuple(out)
 
 
 def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:

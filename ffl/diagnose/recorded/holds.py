@@ -1,0 +1,98 @@
+"""Where dry friction holds a machine whose controller goes on integrating.
+
+At rest within an encoder's count or two a controller with integral action pushes now this way, now that,
+until the machine lets go: its command is what noise and rounding have made of it since it stopped. No
+simulation without that noise comes to the same command, none of what it says of the time the machine
+stood is physics, and what it does next begins from the wrong force. A recording with long holds is
+therefore compared move by move: each piece begins at rest with the controller in the state in which it
+was (known, as the controller is), and the holds between them say nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+
+from ffl.recordings import Recording
+from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
+
+LEAST = 0.1  # s, and so many samples, that a hold lasts at least
+SAMPLES = 100
+STANDS = 4.0  # standard deviations of y's noise, beside a count, within which a machine stands
+WANDERS = 0.1  # of the RMS command: what it goes by while the machine stands
+CLEARLY = 8.0  # RMS steps of its means over BLOCK: noise goes by 3 of them, a ramp by as many as there are
+BLOCK = 0.05  # s, and so many samples
+FEWEST = 5
+KEPT = 0.03  # s of a hold that stay with the moves at either end of it
+SHORT = 200  # samples of a piece, at least
+
+HELD = (
+    "where friction holds the machine for long and the command wanders, nothing was compared: each move "
+    "is by itself"
+)
+
+
+def moves(model: Plant, recording: Recording) -> list[Recording]:
+    """The recording itself, or its pieces between long holds."""
+    if model.controller is None or recording.is_open_loop or not np.all(np.isfinite(recording.u)):
+        return [recording]
+    margin = max(4, round(KEPT / recording.sample_time))
+    out, begin = [], 0
+    for first, last in holds(recording):
+        end = min(first + margin, len(recording))
+        if end - begin >= SHORT:
+            out.append(recording[begin:end])
+        begin = max(last - margin, end)
+    if len(recording) - begin >= SHORT:
+        out.append(recording[begin:])
+    return out or [recording]
+
+
+def holds(recording: Recording) -> list[tuple[int, int]]:
+    """(first, last + 1) of the stretches in which neither reference nor machine moves, and the command
+    goes its own way."""
+    length = max(SAMPLES, round(LEAST / recording.sample_time))
+    if len(recording) < 2 * length:
+        return []
+    y, u = recording.y, recording.u
+    count = _count(y)
+    noise = float(np.std(np.diff(y, 2))) / np.sqrt(6.0)
+    span = scipy.ndimage.maximum_filter1d(y, length) - scipy.ndimage.minimum_filter1d(y, length)
+    still = span <= 2.0 * STANDS * noise + 1.5 * count
+    for drive in (recording.r, recording.f):
+        range_ = scipy.ndimage.maximum_filter1d(drive, 3) - scipy.ndimage.minimum_filter1d(drive, 3)
+        still &= range_ <= 1e-9 * max(float(np.ptp(drive)), 1e-300)
+    size = float(np.sqrt(np.mean(u**2)))
+    block = max(FEWEST, round(BLOCK / recording.sample_time))
+    out = []
+    for first, last in _runs(still):
+        first, last = max(first - length // 2, 0), min(last + length // 2, len(y))
+        if _wanders(u[first:last], size, block):
+            out.append((first, last))
+    return out
+
+
+def _wanders(u: Array, size: float, block: int) -> bool:
+    """Whether the command goes somewhere slowly, not to and fro as noise has it."""
+    means = u[: len(u) // block * block].reshape(-1, block).mean(axis=1)
+    if len(means) < 4:
+        return False
+    step = float(np.sqrt(np.mean(np.diff(means) ** 2)))
+    return float(np.ptp(means)) > max(WANDERS * size, CLEARLY * step)
+
+
+def _count(y: Array) -> float:
+    """The step of a rounded y; 0 where it is not."""
+    steps = np.abs(np.diff(y))
+    steps = steps[steps > 1e-9 * max(float(np.ptp(y)), 1e-300)]
+    if len(steps) < 20:
+        return 0.0
+    least = float(np.quantile(steps, 0.01))
+    shares = steps / least
+    return least if np.mean(np.abs(shares - np.round(shares)) < 0.01) > 0.95 else 0.0
+
+
+def _runs(mask: Array) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
