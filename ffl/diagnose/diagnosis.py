@@ -34,7 +34,7 @@ from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, u
 from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.clip import clipping
 from ffl.diagnose.recorded.commands import as_limited, passing, reached
-from ffl.diagnose.recorded.glitches import without_glitches
+from ffl.diagnose.recorded.glitches import without_glitches, without_turns
 from ffl.diagnose.recorded.holds import HELD, moves
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.starts import with_starts
@@ -104,10 +104,11 @@ def _diagnose_output(
     _require_stable(model)
     _require_others(recordings, validation)
     _require_once([*recordings, *validation])
-    everything = [commanded(model, r) for r in (*recordings, *validation)]
+    everything, turned = without_turns(model, [*recordings, *validation])
+    everything = [commanded(model, r) for r in everything]
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
-    notes = [*glitches, *notes]
+    notes = [*turned, *glitches, *notes]
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
     health = replace(health, faults=mistakes(model, everything, health.faults))

@@ -11,6 +11,7 @@ from ffl.effects.solve import set_friction
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
+FALLEN = 0.5  # of the top speed: 2 % of what falls is left there
 LEAST = 0.1  # of the static level: what friction keeps at speed
 
 
@@ -66,9 +67,11 @@ class StribeckFriction(Effect):
     switches = True
 
     def credible(self, spec: EffectSpec, extent: Extent) -> bool:
-        """Some of the level stays at speed; what vanishes there is no dry friction."""
+        """Some of the level stays at speed, where what falls has fallen: what vanishes is no dry friction,
+        what falls up to the top speed a damping."""
         values = spec.parameters
-        return bool(values["coulomb_level"] > LEAST * values["static_level"])
+        fallen = values["stribeck_velocity"] < FALLEN * extent.speed
+        return bool(fallen and values["coulomb_level"] > LEAST * values["static_level"])
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ffl.recordings.command_findings import command_findings
 from ffl.recordings.finding import Finding
+from ffl.recordings.jumps import missing_findings
 from ffl.recordings.recording import COLUMNS, Recording
 from ffl.recordings.repeats import repeat_findings
 from ffl.recordings.sampling import accepts, examine_time
@@ -88,6 +89,7 @@ def soundness(recording: Recording, sample_time: float | None = None) -> Soundne
         found += sensor_findings(recording)
         found += spike_findings(recording)
         found += repeat_findings(recording)
+        found += missing_findings(recording)
         found += command_findings(recording)
     order = {"fault": 0, "warning": 1, "note": 2}
     found.sort(key=lambda x: order[x.severity])

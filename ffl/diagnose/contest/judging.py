@@ -21,6 +21,7 @@ from ffl.diagnose.noise.spread import spread
 from ffl.diagnose.recorded.commands import lets_through
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
 from ffl.effects import EFFECTS
+from ffl.effects.modal import is_speed
 from ffl.effects.motion import Extent
 from ffl.systems.state_space import Array
 
@@ -37,6 +38,9 @@ BINS = 4096  # frequencies over which noise is summed up
 CONFIRMED = 4.0  # log-likelihood that held-out recordings must gain from a first effect, else
 UNCONFIRMED = 60.0  # the score that it must bring
 LIGHT = -0.4  # of the mass: no engineer's is so far off
+OTHER = (
+    -0.75
+)  # of the mass: what is left is another machine (a throttle 90 % lighter, its spring a load)
 UNTOLD = 200.0  # of it in the fitted ones, where the held-out ones can hardly show the effect
 CONFIRMS, HALF = 100.0, 0.5  # and where they bring this share of what they can show
 LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
@@ -263,9 +267,10 @@ def mean_square(judged: Judged) -> float:
 
 
 def credible(judged: Judged) -> bool:
-    """Whether every effect has numbers of the physics that it is named for, and none is undone by the
-    model's own number of its kind. (A damper at the motor that took the place of half the machine's own
-    was a delay of half a sample; dropped in the end as no effect at all, it left nobody in its place.)"""
+    """Whether every effect has numbers of the physics that it is named for, beside a machine that is still
+    the stated one, and none is undone by the model's own number of its kind. (A damper at the motor that
+    took the place of half the machine's own was a delay of half a sample; dropped in the end as no effect,
+    it left nobody in its place.)"""
     if not np.isfinite(judged.score):
         return False  # it ran away, or no machine has such numbers
     model = judged.model
@@ -273,7 +278,7 @@ def credible(judged: Judged) -> bool:
         return False
     if not all(lets_through(e, model.base.passing) for e in model.effects):
         return False
-    if starved(model):
+    if starved(model) or (model.effects and model.corrections.get("mass", 0.0) < OTHER):
         return False
     return all(netted(judged.scene, model, name) is None for name in NAMES)
 
@@ -298,8 +303,15 @@ def _extent(judged: Judged) -> Extent:
     """Of the fitted recordings; the travel is that of any."""
     trials = judged.scene.trials
     duration = max(len(trial) * trial.sample_time for trial in trials)
+    fastest = max(
+        trial.largest if is_speed(judged.model.base.plant.output_unit) else trial.fastest
+        for trial in trials
+    )
     return Extent(
-        duration, judged.model.base.travel or np.inf, max(trial.largest for trial in trials)
+        duration,
+        judged.model.base.travel or np.inf,
+        max(trial.largest for trial in trials),
+        fastest or np.inf,
     )
 
 

@@ -172,7 +172,7 @@ def _in_parts(model: Model) -> bool:
 
 def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judged, Outcome]:
     """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
-    of a friction have come together to within their standard error: what told them apart went into other
+    of a friction have come together to within two standard errors: what told them apart went into other
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
     had crossed the line.) Led by an observer a contact that gives way over less than any sensor shows, by
     no sure stiffness, eases the jumps that corrections of the state make, and is none of the machine's."""
@@ -207,7 +207,7 @@ def _one_level(judged: Judged, index: int) -> bool:
     spec = judged.model.effects[index]
     one, other = LEVELS[spec.name]
     apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
-    return apart < _spread(judged, index, one) + _spread(judged, index, other)
+    return apart < 2.0 * float(np.hypot(*(_spread(judged, index, name) for name in (one, other))))
 
 
 def _unseen(judged: Judged, index: int) -> bool:

@@ -17,7 +17,9 @@ import numpy as np
 
 from ffl.diagnose.recorded.sound import stated_ratio
 from ffl.recordings import Recording
+from ffl.recordings.jumps import unwrapped
 from ffl.recordings.spikes import spikes, told, without_spikes
+from ffl.recordings.units import turn_in
 from ffl.systems.plant import Plant
 from ffl.systems.zpk import as_state_space
 
@@ -44,6 +46,26 @@ def without_glitches(
             f"{recording.source}: y leaves its path for one sample, {told(recording, at)}: put back on it"
             + acted
         )
+    return kept, notes
+
+
+def without_turns(
+    plant: Plant, recordings: Sequence[Recording]
+) -> tuple[list[Recording], list[str]]:
+    """(recordings whose angles go on where an encoder starts again after a turn; what to say)."""
+    turn = turn_in(plant.output_unit)
+    if turn is None:
+        return list(recordings), []
+    kept, notes = [], []
+    for recording in recordings:
+        mended, often = unwrapped(recording, turn)
+        kept.append(mended)
+        if often:
+            times = "once" if often == 1 else f"{often} times"
+            notes.append(
+                f"{recording.source}: the angle starts again after {turn:.6g} {plant.output_unit}, "
+                f"{times}: carried on over the turn"
+            )
     return kept, notes
 
 

@@ -20,7 +20,7 @@ from ffl.systems.state_space import Array
 LEAST = 0.1  # s, and so many samples, that a hold lasts at least
 SAMPLES = 100
 STANDS = 4.0  # standard deviations of y's noise, beside a count, within which a machine stands
-WANDERS = 0.1  # of the RMS command: what it goes by while the machine stands
+WANDERS = 0.05  # of the RMS command: what it goes by while the machine stands
 CLEARLY = 8.0  # RMS steps of its means over BLOCK: noise goes by 3 of them, a ramp by as many as there are
 BLOCK = 0.05  # s, and so many samples
 FEWEST = 5

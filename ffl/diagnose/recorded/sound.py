@@ -16,6 +16,7 @@ import numpy as np
 from ffl.diagnose.recorded.commands import NEAR, at_limit, limit_of
 from ffl.diagnose.recorded.compared import factor_of
 from ffl.recordings import Recording
+from ffl.recordings.jumps import missing_findings
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import as_state_space
@@ -49,7 +50,7 @@ def soundness(plant: Plant, recordings: Sequence[Recording]) -> Soundness:
     """Checks every recording against the stated controller."""
     ratios, faults = [], []
     for recording in recordings:
-        fault = _dead(recording)
+        fault = _dead(recording) or _incomplete(recording)
         if fault is None and plant.controller is not None and "u" not in recording.missing:
             ratio, fault = _against_controller(plant, recording)
             ratios.append(ratio)
@@ -91,6 +92,14 @@ def _dead(recording: Recording) -> Fault | None:
     drive = recording.u if np.all(np.isfinite(recording.u)) else recording.r
     if np.ptp(drive) == 0 and np.ptp(recording.r) == 0:
         return Fault(name, "constant", "u and r are constant", "record while the machine is driven")
+    return None
+
+
+def _incomplete(recording: Recording) -> Fault | None:
+    """Samples that are missing, their time counted on."""
+    for finding in missing_findings(recording):
+        where, mend = finding.text.split("; ", 1)
+        return Fault(recording.source, finding.kind, where, mend)
     return None
 
 

@@ -100,6 +100,13 @@ class Trial:
         noise = np.std(np.diff(self.y, 2)) / np.sqrt(6.0) if len(self) > 3 else 0.0
         return float(max(np.quantile(np.abs(self.y), 1.0 - RARE) - LOUD * noise, 0.0))
 
+    @cached_property
+    def fastest(self) -> float:
+        """The speed, over `SPAN`, that more than one sample in a thousand comes to."""
+        span = min(max(1, round(SPAN / self.sample_time)), max(len(self) - 1, 1))
+        way = np.abs(self.y[span:] - self.y[:-span])
+        return float(np.quantile(way, 1.0 - RARE)) / (span * self.sample_time) if len(way) else 0.0
+
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
         parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}
