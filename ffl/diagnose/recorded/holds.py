@@ -20,11 +20,11 @@ from ffl.systems.state_space import Array
 LEAST = 0.1  # s, and so many samples, that a hold lasts at least
 SAMPLES = 100
 STANDS = 4.0  # standard deviations of y's noise, beside a count, within which a machine stands
-WANDERS = 0.05  # of the RMS command: what it goes by while the machine stands
+WANDERS = 0.002  # of the RMS command: what it goes by while the machine stands, at least
 CLEARLY = 8.0  # RMS steps of its means over BLOCK: noise goes by 3 of them, a ramp by as many as there are
 BLOCK = 0.05  # s, and so many samples
 FEWEST = 5
-KEPT = 0.03  # s of a hold that stay with the moves at either end of it
+KEPT, REST = 0.03, 48  # s of a hold, and samples, that stay with the moves at either end of it
 SHORT = 200  # samples of a piece, at least
 
 HELD = (
@@ -37,7 +37,7 @@ def moves(model: Plant, recording: Recording) -> list[Recording]:
     """The recording itself, or its pieces between long holds."""
     if model.controller is None or recording.is_open_loop or not np.all(np.isfinite(recording.u)):
         return [recording]
-    margin = max(4, round(KEPT / recording.sample_time))
+    margin = max(REST, round(KEPT / recording.sample_time))
     out, begin = [], 0
     for first, last in holds(recording):
         end = min(first + margin, len(recording))
@@ -59,7 +59,8 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
     count = _count(y)
     noise = float(np.std(np.diff(y, 2))) / np.sqrt(6.0)
     span = scipy.ndimage.maximum_filter1d(y, length) - scipy.ndimage.minimum_filter1d(y, length)
-    still = span <= 2.0 * STANDS * noise + 1.5 * count
+    stands = span <= 2.0 * STANDS * noise + 1.5 * count  # over `length` about it
+    still = scipy.ndimage.maximum_filter1d(stands.astype(np.uint8), length).astype(bool)
     for drive in (recording.r, recording.f):
         range_ = scipy.ndimage.maximum_filter1d(drive, 3) - scipy.ndimage.minimum_filter1d(drive, 3)
         still &= range_ <= 1e-9 * max(float(np.ptp(drive)), 1e-300)
@@ -67,8 +68,7 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
     block = max(FEWEST, round(BLOCK / recording.sample_time))
     out = []
     for first, last in _runs(still):
-        first, last = max(first - length // 2, 0), min(last + length // 2, len(y))
-        if _wanders(u[first:last], size, block):
+        if last - first >= length and _wanders(u[first:last], size, block):
             out.append((first, last))
     return out
 
