@@ -28,7 +28,9 @@ def recorded(kept: np.ndarray | slice = slice(None), noise: float = 1e-5) -> Rec
     u = np.gradient(np.gradient(y)) + 0.1 * rng.standard_normal(len(r))
     columns = {"r": r[kept], "u": u[kept], "y": y[kept]}
     n = len(columns["y"])
-    return Recording(t=STEP * np.arange(n), f=np.zeros(n), source="run", sample_time=STEP, **columns)
+    return Recording(
+        t=STEP * np.arange(n), f=np.zeros(n), source="run", sample_time=STEP, **columns
+    )
 
 
 def without(blocks: tuple[tuple[int, int], ...]) -> np.ndarray:

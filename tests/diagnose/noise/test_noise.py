@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import Simulator
 from ffl.systems.plant import Imperfections
+from ffl.systems.state_space import StateSpace
 
 TRUE = Noise(2e-7, 0.01, 1e-7, 40.0, 0.015, 8.0)
 
@@ -116,6 +118,46 @@ def test_unknown_start_is_absorbed(stage):  # type: ignore[no-untyped-def]
     doubt = np.outer(start, start)
     sure, unsure = Whitener.of(stage.loop, TRUE), Whitener.of(stage.loop, TRUE, doubt)
     assert np.sum(unsure(free) ** 2) < 3.0 < np.sum(sure(free) ** 2)
+
+
+def test_the_array_form_is_the_riccati_equation(stage):  # type: ignore[no-untyped-def]
+    """Gains and scales against P+ = A P A' + Q - K r K', formed outright."""
+    noise = Noise(2e-7, 0.01, 1e-7, 30.0, 0.02, 10.0)
+    w = Whitener.of(stage.loop, noise)
+    a, c = w.a, w.c
+    system, n = stage.loop.system, stage.loop.system.order
+    ar = np.exp(-2 * np.pi * np.array([30.0, 10.0]) * stage.sample_time)
+    inward, outward = np.zeros((n + 2, 4)), np.zeros(4)
+    inward[:n, 0], inward[:n, 1] = 0.01 * system.b[:, 2], 2e-7 * system.b[:, 3]
+    inward[n, 2], inward[n + 1, 3] = 1e-7 * np.sqrt(1 - ar[0] ** 2), 0.02 * np.sqrt(1 - ar[1] ** 2)
+    outward[:2] = 0.01 * system.d[0, 2], 2e-7
+    p = sum(
+        np.linalg.matrix_power(a, k) @ inward @ inward.T @ np.linalg.matrix_power(a, k).T
+        for k in range(4000)
+    )
+    for gain, scale in zip(w.gains[:50], w.scales[:50], strict=True):
+        r = float(c @ p @ c + outward @ outward)
+        own = (a @ p @ c + inward @ outward) / r
+        assert scale == pytest.approx(np.sqrt(r), rel=1e-5)
+        np.testing.assert_allclose(gain, own, atol=1e-4 * np.abs(own).max())
+        p = a @ p @ a.T + inward @ inward.T - np.outer(own, own) * r
+
+
+def test_states_that_nearly_run_together_leave_whitening_its_digits(stage):  # type: ignore[no-untyped-def]
+    """The same loop in states that differ by a hundred-thousandth: the same innovations."""
+    system, n = stage.loop.system, stage.loop.system.order
+    force = system.b[:, 2:3]
+    size = np.sqrt(sum((np.linalg.matrix_power(system.a, k) @ force) ** 2 for k in range(4000)))
+    turn = (np.ones((n, n)) + 1e-5 * np.diag(np.arange(1.0, n + 1.0))) / size.T
+    back = np.linalg.inv(turn)
+    bent = StateSpace(
+        turn @ system.a @ back, turn @ system.b, system.c @ back, system.d, system.sample_time
+    )
+    plain = Whitener.of(stage.loop, TRUE)
+    other = Whitener.of(SimpleNamespace(system=bent), TRUE)
+    x = np.random.default_rng(0).standard_normal(2000)
+    assert np.all(np.isfinite(other.scales))
+    np.testing.assert_allclose(other(x), plain(x), atol=0.02 * np.abs(plain(x)).max())
 
 
 def test_a_linear_machine_imitates_what_its_transfer_functions_say(stage, record):  # type: ignore[no-untyped-def]
