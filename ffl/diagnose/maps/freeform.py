@@ -226,7 +226,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         return _weighed(_started(_settled(screen, f)), current)
 
     worth = [e for some in found for e in some[:TRIED] if e.evidence.gain >= least_worth(some)]
-    tried = [f for f in each(tried_out, worth) if f is not None]
+    tried = [f for f in each(tried_out, worth) if f is not None and f.free.believable]
     # Those that help where nothing was fitted come first, however much others take off what was.
     tried.sort(key=lambda f: (_held(current, f) < -HELD_WORTH, -_score(f, current)))
     # Those that matter go on to convergence; who promises most may begin furthest from where it ends, and
@@ -237,7 +237,8 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         for k, f in enumerate(tried)
         if k < FINISHED or any(f.parts[-1].same(part) for part in first)
     ]
-    done = _not_far([f for f in each(finished, matter) if _earns(f, current)])
+    ended = [f for f in each(finished, matter) if f.free.believable]
+    done = _not_far([f for f in ended if _earns(f, current)])
     if not any(_score(f, current) > 0 for f in done):
         return None
     best = min(

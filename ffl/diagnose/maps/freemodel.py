@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ffl.diagnose.contest.judging import LIGHT, OTHER
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.fit import Fit, jacobian
@@ -58,6 +59,14 @@ class FreeModel:
 
     model: Model
     parts: tuple[Part, ...] = ()
+
+    @property
+    def believable(self) -> bool:
+        """The machine beside the maps is still the stated one, and no map of the command holds most of it
+        back from a fraction of the mass (which explains any force that takes the command up: a damper at
+        one end of a stroke was a limit by speed, of a diverter with 82 % less mass)."""
+        sent = any(part.place.port == "command" for part in self.parts)
+        return self.model.corrections.get("mass", 0.0) > (LIGHT if sent else OTHER)
 
     def simulate(
         self, trial: Trial, places: Sequence[Place] = ()

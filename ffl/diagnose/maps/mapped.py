@@ -21,9 +21,10 @@ from ffl.systems.plant import EffectSpec
 if TYPE_CHECKING:
     from ffl.diagnose.maps.freemodel import Part
 
-# What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g;
+# What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g, and v g(x)
+# upwards or downwards alone;
 BY_POSITION, BY_VELOCITY, DAMPING, DRY, INERTIA = range(5)
-DRY_BY_COMMAND = 11
+DRY_BY_COMMAND, DAMPING_UP, DAMPING_DOWN = range(11, 14)
 # what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling, and what a limit
 # cuts off that falls with |v|;
 BY_COMMAND, GAIN, GAIN_BY_SPEED, FALLING = range(5, 9)
@@ -105,6 +106,10 @@ def _force(p, x, v, a, u):  # type: ignore[no-untyped-def]
     if kind == BY_POSITION:
         return g, slope, 0.0, 0.0
     if kind == DAMPING:
+        return g * v, slope * v, g, 0.0
+    if kind in (DAMPING_UP, DAMPING_DOWN):
+        if (v > 0.0) != (kind == DAMPING_UP):
+            return 0.0, 0.0, 0.0, 0.0
         return g * v, slope * v, g, 0.0
     if kind == DRY:
         return g * direction, slope * direction, g * turning, 0.0
@@ -210,7 +215,7 @@ class Mapped(Effect):
         steepest = 0.0
         if kind == BY_VELOCITY:
             steepest = float(np.abs(np.diff(g) / np.diff(knots)).max())
-        elif kind in (DAMPING, DRY):
+        elif kind in (DAMPING, DAMPING_UP, DAMPING_DOWN, DRY):
             steepest = float(np.abs(g).max()) / (floor if kind == DRY else 1.0)
         elif kind == DRY_BY_COMMAND:
             steepest = float(np.abs(g).max() * knots[-1]) / floor

@@ -19,6 +19,8 @@ from ffl.diagnose.maps.mapped import (
     BY_POSITION,
     BY_VELOCITY,
     DAMPING,
+    DAMPING_DOWN,
+    DAMPING_UP,
     DRY,
     DRY_BY_COMMAND,
     GAIN,
@@ -342,6 +344,14 @@ TERMS: tuple[Term, ...] = (
     _gridded(
         "velocity by position", "force", ("position", "velocity"), "velocity", _velocity,
         "position", _few, DAMPING,
+    ),
+    _gridded(
+        "upward velocity by position", "force", ("position", "velocity", "direction"),
+        "max(0, velocity)", lambda m: np.maximum(m.v, 0.0), "position", _few, DAMPING_UP,
+    ),
+    _gridded(
+        "downward velocity by position", "force", ("position", "velocity", "direction"),
+        "min(0, velocity)", lambda m: np.minimum(m.v, 0.0), "position", _few, DAMPING_DOWN,
     ),
     Term(
         "inertia by position", "force", ("position", "acceleration"), "acceleration", "position",

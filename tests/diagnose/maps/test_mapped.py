@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -67,6 +69,8 @@ FORCES = {  # x'' by name, with g along the map's own variable
     "position": lambda x, v, u, g: linear(x, v, u + g(x)),
     "velocity": lambda x, v, u, g: linear(x, v, u + g(v)),
     "velocity by position": lambda x, v, u, g: linear(x, v, u + v * g(x)),
+    "upward velocity by position": lambda x, v, u, g: linear(x, v, u + max(v, 0.0) * g(x)),
+    "downward velocity by position": lambda x, v, u, g: linear(x, v, u + min(v, 0.0) * g(x)),
     "command": lambda x, v, u, g: linear(x, v, u + g(u)),
     "command by position": lambda x, v, u, g: linear(x, v, u * (1.0 + g(x))),
 }
@@ -80,9 +84,12 @@ def test_the_kernel_runs_a_map_as_an_integrator_does(spring, name):  # type: ign
     model, trial = trial_of(spring, recording(u, bare, "swept"))
     spans = ranges_of([model.simulate(trial).motion()])
     knots = term.knots(spans)
-    size = {"velocity by position": 20 * 2 * DAMPING * W * MASS, "command by position": 0.5}
+    braked = "velocity by position" in name
+    size = {"command by position": 0.5}
+    if braked:
+        size[name] = 20 * 2 * DAMPING * W * MASS
     g = -size.get(name, 2.0) * np.tanh(2 * knots / np.abs(knots).max())
-    if name == "velocity by position":
+    if braked:
         g = -np.abs(g)  # a brake of many times the stage's own damping
     free = FreeModel(model, (Part(term, Place(term.port), g, spans),))
     found = free.simulate(trial)
@@ -112,6 +119,23 @@ def test_a_map_by_direction_sticks_as_dry_friction_does(spring):  # type: ignore
         np.quantile(np.abs(found[0].v[stuck]), 0.99) < 2e-3 * top
     )  # a direction is none below 1e-3
     assert np.std(found[0].y - dry.y) < 0.02 * np.std(bare.y - dry.y)
+
+
+def test_maps_beside_another_machine_are_not_believed(spring):  # type: ignore[no-untyped-def]
+    model = Model(Base.of(spring, 1.0, 1.0))
+    spans = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (-5.0, 5.0), "step": (STEP, 1.0)}
+    terms = {
+        name: next(t for t in TERMS if t.name == name) for name in ("position", "limit by speed")
+    }
+
+    def beside(name: str, mass: float) -> FreeModel:
+        part = Part(terms[name], Place(terms[name].port), np.zeros(1), spans)
+        return FreeModel(replace(model, corrections={"mass": mass}), (part,))
+
+    assert beside("position", -0.6).believable
+    assert not beside("position", -0.8).believable
+    assert beside("limit by speed", -0.3).believable
+    assert not beside("limit by speed", -0.6).believable
 
 
 def test_friction_in_proportion_to_the_command_is_run_at_once(spring):  # type: ignore[no-untyped-def]
