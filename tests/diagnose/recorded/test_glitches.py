@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.recorded.glitches import without_glitches
+from ffl.diagnose.recorded.glitches import without_glitches, without_turns
 from ffl.diagnose.recorded.sound import stated_ratio
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
@@ -69,3 +69,15 @@ def test_glitches_are_neither_physics_nor_do_they_hide_it(stage, references, lev
     assert found["verdict"] == ("explained" if level else "nothing_missing")
     assert [e["name"] for e in found["effects"]] == ["coulomb_friction"] * bool(level)
     assert sum("leaves its path" in note for note in found["notes"]) == 3
+
+
+def test_an_angle_is_carried_on_over_the_turn_and_a_length_is_not(stage, record):
+    """A path of 0.05 m as one of 500 deg: the same numbers, and a scale that ends at 360."""
+    runs = [replace(r, r=1e4 * r.r, y=1e4 * r.y) for r in record(stage)]
+    angles = replace(stage, output_unit="deg")
+    wrapped = [replace(r, y=np.mod(r.y, 360.0)) for r in runs]
+    kept, notes = without_turns(angles, wrapped)
+    assert all("starts again after 360 deg" in note for note in notes)
+    for one, whole in zip(kept, runs, strict=True):
+        np.testing.assert_allclose(one.y, whole.y, atol=1e-6)
+    assert without_turns(stage, wrapped) == (wrapped, [])

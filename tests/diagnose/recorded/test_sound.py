@@ -29,6 +29,19 @@ def test_sound_recording_is_consistent_to_rounding(stage, clean):  # type: ignor
     assert found.consistency[0] < 1e-6
 
 
+def test_lost_samples_are_said_before_any_physics(stage, clean):  # type: ignore[no-untyped-def]
+    """In the middle of a move, their time counted on: the controller's own check hardly sees it."""
+    at = int(np.argmax(np.abs(np.diff(clean.r))))
+    kept = np.ones(len(clean), bool)
+    kept[at : at + 30] = False
+    columns = {k: getattr(clean, k)[kept] for k in "rfuy"}
+    spoilt = _with(clean, **columns, t=clean.t[: kept.sum()])
+    (fault,) = soundness(stage, [spoilt]).faults
+    assert fault.kind == "samples_missing"
+    assert "jump together" in fault.where
+    assert diagnose(stage, [spoilt]).answer()["verdict"] == "inconclusive"
+
+
 @pytest.mark.parametrize(
     ("kind", "spoil"),
     [
