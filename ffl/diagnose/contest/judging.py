@@ -38,9 +38,7 @@ BINS = 4096  # frequencies over which noise is summed up
 CONFIRMED = 4.0  # log-likelihood that held-out recordings must gain from a first effect, else
 UNCONFIRMED = 60.0  # the score that it must bring
 LIGHT = -0.4  # of the mass: no engineer's is so far off
-OTHER = (
-    -0.75
-)  # of the mass: what is left is another machine (a throttle 90 % lighter, its spring a load)
+OTHER = -0.75  # of the mass: what is left is another machine (a throttle without 90 % of its own)
 UNTOLD = 200.0  # of it in the fitted ones, where the held-out ones can hardly show the effect
 CONFIRMS, HALF = 100.0, 0.5  # and where they bring this share of what they can show
 LOST = 0.01  # of what fitted recordings gain, where it is very much: held-out ones may lose it
@@ -303,16 +301,10 @@ def _extent(judged: Judged) -> Extent:
     """Of the fitted recordings; the travel is that of any."""
     trials = judged.scene.trials
     duration = max(len(trial) * trial.sample_time for trial in trials)
-    fastest = max(
-        trial.largest if is_speed(judged.model.base.plant.output_unit) else trial.fastest
-        for trial in trials
-    )
-    return Extent(
-        duration,
-        judged.model.base.travel or np.inf,
-        max(trial.largest for trial in trials),
-        fastest or np.inf,
-    )
+    largest = max(trial.largest for trial in trials)
+    speed = is_speed(judged.model.base.plant.output_unit)
+    fastest = largest if speed else max(trial.fastest for trial in trials)
+    return Extent(duration, judged.model.base.travel or np.inf, largest, fastest or np.inf)
 
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:

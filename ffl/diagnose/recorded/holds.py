@@ -57,7 +57,9 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
         return []
     y, u = recording.y, recording.u
     count = _count(y)
-    noise = float(np.std(np.diff(y, 2))) / np.sqrt(6.0)
+    noise = (
+        1.4826 * float(np.median(np.abs(np.diff(y, 2)))) / np.sqrt(6.0)
+    )  # but for where it moves
     span = scipy.ndimage.maximum_filter1d(y, length) - scipy.ndimage.minimum_filter1d(y, length)
     stands = span <= 2.0 * STANDS * noise + 1.5 * count  # over `length` about it
     still = scipy.ndimage.maximum_filter1d(stands.astype(np.uint8), length).astype(bool)
