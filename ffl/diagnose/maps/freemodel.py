@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import LIGHT, OTHER
+from ffl.diagnose.contest.judging import LIGHT, is_another
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.fit import Fit, jacobian
@@ -66,7 +66,8 @@ class FreeModel:
         back from a fraction of the mass (which explains any force that takes the command up: a damper at
         one end of a stroke was a limit by speed, of a diverter with 82 % less mass)."""
         sent = any(part.place.port == "command" for part in self.parts)
-        return self.model.corrections.get("mass", 0.0) > (LIGHT if sent else OTHER)
+        light = sent and self.model.corrections.get("mass", 0.0) < LIGHT
+        return not light and not is_another(self.model)
 
     def simulate(
         self, trial: Trial, places: Sequence[Place] = ()
