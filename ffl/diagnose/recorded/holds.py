@@ -14,6 +14,8 @@ import numpy as np
 import scipy.ndimage
 
 from ffl.recordings import Recording
+from ffl.recordings.finding import equal_runs
+from ffl.recordings.sensor_findings import quantisation_step
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -56,7 +58,7 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
     if len(recording) < 2 * length:
         return []
     y, u = recording.y, recording.u
-    count = _count(y)
+    count = quantisation_step(y) or 0.0
     noise = (
         1.4826 * float(np.median(np.abs(np.diff(y, 2)))) / np.sqrt(6.0)
     )  # but for where it moves
@@ -68,11 +70,12 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
         still &= range_ <= 1e-9 * max(float(np.ptp(drive)), 1e-300)
     size = float(np.sqrt(np.mean(u**2)))
     block = max(FEWEST, round(BLOCK / recording.sample_time))
-    out = []
-    for first, last in _runs(still):
-        if last - first >= length and _wanders(u[first:last], size, block):
-            out.append((first, last))
-    return out
+    runs = zip(*equal_runs(still.astype(float), length), strict=True)
+    return [
+        (int(first), int(last))
+        for first, last in runs
+        if still[first] and _wanders(u[first:last], size, block)
+    ]
 
 
 def _wanders(u: Array, size: float, block: int) -> bool:
@@ -82,19 +85,3 @@ def _wanders(u: Array, size: float, block: int) -> bool:
         return False
     step = float(np.sqrt(np.mean(np.diff(means) ** 2)))
     return float(np.ptp(means)) > max(WANDERS * size, CLEARLY * step)
-
-
-def _count(y: Array) -> float:
-    """The step of a rounded y; 0 where it is not."""
-    steps = np.abs(np.diff(y))
-    steps = steps[steps > 1e-9 * max(float(np.ptp(y)), 1e-300)]
-    if len(steps) < 20:
-        return 0.0
-    least = float(np.quantile(steps, 0.01))
-    shares = steps / least
-    return least if np.mean(np.abs(shares - np.round(shares)) < 0.01) > 0.95 else 0.0
-
-
-def _runs(mask: Array) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
