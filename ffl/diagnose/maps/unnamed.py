@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import BOTH, LOST, UNTOLD
 from ffl.diagnose.contest.scene import Scene, is_far
+from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.depends import needed_variables
@@ -148,7 +149,8 @@ def compare(
     alone = None if seen else alone
     if alone and min(gains) > -MARGIN and _drawn(standing):
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
-    several = len(standing.effects) > len(alone.parts) if alone else False
+    count = _beside_numbers(standing)
+    several = count > len(alone.parts) if alone else False
     if alone and several and as_good(gains) and not _sum_of(standing, alone):
         # One thing where names need several: a sensor's curve is a gain by position and a drag.
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
@@ -167,7 +169,7 @@ def compare(
     maps = free_form(scene, held, standing, names=only)
     beside = maps[-1] if maps and maps[-1].parts else None
     near = None  # several names that do less than one map are no simpler for being nearly right
-    if alone and winning and len(standing.effects) <= len(alone.parts):
+    if alone and winning and count <= len(alone.parts):
         near = alone if nearly(scene, held, bare, standing, alone) else None
     if alone and winning and not near and not _better(beside, alone, nominal, held):
         return _described(Contest("unnamed", alone, beside, *gains, _after(alone)), rng)
@@ -176,6 +178,13 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _beside_numbers(standing: Model) -> int:
+    """Effects that stand, but for those that are the linear model's own numbers beyond the line: the model
+    beside a map has these free. (A spring off the middle and 5.5 % more mass are no two names for a map.)"""
+    own = {NAMES.get(c.name) for c in standing.base.corrections}
+    return sum(name not in own for name in standing.names)
 
 
 def _sum_of(standing: Model, alone: FreeForm) -> bool:
