@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.evenly import TIE, about_a_centre, beside_a_load
 from ffl.diagnose.contest.judging import (
     OPEN,
     Judged,
@@ -49,7 +50,6 @@ from ffl.diagnose.hypothesis.places import Place, places_of
 from ffl.effects import EFFECTS, Effect
 from ffl.systems.plant import EffectSpec, Plant
 
-TIE = 4.0  # score that a simpler name may cost
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
@@ -128,7 +128,8 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
         # spring: a mass of 3.5 % that nothing held, 42 worse on the recordings that judge as an effect.)
         alone = name not in settled and not current.model.effects
         current = best if not alone or _beyond(best, within) else within
-    return _without_idle(held, _preloaded(held, _evened(held, _netted(held, current))))
+    current = _preloaded(held, about_a_centre(held, _netted(held, current)))
+    return _without_idle(held, beside_a_load(held, current))
 
 
 def against_the_refused(
@@ -182,8 +183,9 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
     of a friction have come together to within two standard errors: what told them apart went into other
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
-    had crossed the line.) Led by an observer a contact that gives way over less than any sensor shows, by
-    no sure stiffness, eases the jumps that corrections of the state make, and is none of the machine's."""
+    had crossed the line.) A contact that gives way over less than any sensor shows, by no sure stiffness,
+    eases what rounding makes of standstill, or the jumps of an observer's corrections of the state, and
+    is none of the machine's."""
     model = judged.model
     index = next((k for k, name in enumerate(model.names) if name in (*LEVELS, CONTACT)), None)
     if index is None or judged.predicted:
@@ -223,7 +225,7 @@ def _unseen(judged: Judged, index: int) -> bool:
     stiffness = float(values["stiffness"])
     way = float(values["level"]) / stiffness
     unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
-    return judged.scene.observed and unsure and way < FINE * judged.scene.noise.sensor
+    return unsure and way < FINE * judged.scene.noise.sensor
 
 
 def _spread(judged: Judged, index: int, name: str) -> float:
@@ -315,24 +317,6 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     spring = replace(model.without(index), corrections=corrections, held=model.held | {"stiffness"})
     spec = EffectSpec("linear_stiffness", values, load.options)
     tried = judge(judged.scene, held, spring.with_effect(spec), 8)
-    judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
-    return tried if tried.score > judged.score - TIE else judged
-
-
-def _evened(held: Scene | None, judged: Judged) -> Judged:
-    """Friction that differs by direction beside a spring with a centre is even friction about another
-    centre: half the difference is a constant force, and so is a move of the centre."""
-    model = judged.model
-    if not {"asymmetric_friction", "linear_stiffness"} <= set(model.names):
-        return judged
-    at, spring = (model.names.index(n) for n in ("asymmetric_friction", "linear_stiffness"))
-    dry, values = model.effects[at], dict(model.effects[spring].parameters)
-    up, down = (float(dry.parameters[f"level_{way}"]) for way in ("positive", "negative"))
-    values["centre"] -= 0.5 * (up - down) / values["stiffness"]
-    even = EffectSpec("coulomb_friction", {"level": 0.5 * (up + down)}, dry.options)
-    effects = tuple(even if k == at else e for k, e in enumerate(model.effects))
-    plainer = replace(model, effects=effects).with_parameters(spring, values)
-    tried = judge(judged.scene, held, plainer, 8)
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     return tried if tried.score > judged.score - TIE else judged
 

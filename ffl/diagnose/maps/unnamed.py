@@ -182,7 +182,7 @@ def compare(
 
 def _beside_numbers(standing: Model) -> int:
     """Effects that stand, but for those that are the linear model's own numbers beyond the line: the model
-    beside a map has these free. (A spring off the middle and 5.5 % more mass are no two names for a map.)"""
+    beside a map has these free. (A spring off the middle and 5.5 % more mass are not two for a map.)"""
     own = {NAMES.get(c.name) for c in standing.base.corrections}
     return sum(name not in own for name in standing.names)
 
