@@ -37,6 +37,7 @@ class Repeating(Effect):
     amplitude_2, phase_2, ... where there are any."""
 
     scan = "position"
+    valleys = "period"  # first orders may prefer a half of one
     depends_on = ("position",)
 
     def parameter(self, name: str) -> Parameter:

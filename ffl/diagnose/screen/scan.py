@@ -21,7 +21,7 @@ PASSES = 2.0  # of a sine within the recording: of fewer nothing is seen to repe
 PLACES = 1.0  # the same within the travel
 LEVELS = 3.0  # the same in a process, where a bend of any kind is nearly a sine of few periods
 PEAKS = 6
-FLOOR = 1e-3  # of the largest norm: below it the loop passes nothing on, and rounding would win
+FLOOR = 1e-9  # of the largest norm: below it the loop passes nothing on, and rounding would win
 
 
 def adjoint(residual: Array, impulse: Array) -> Array:
