@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -64,6 +63,7 @@ CLAIMANTS = 4  # effects that are held against a correction beyond the line
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 MOST, MOST_OF_STAGES = 3, 5  # effects that may join; a row of lags has as many of its own
+LOUD = 2.0  # times the held-out sum of squares of least noise: so much left, and one more may join
 FURTHER = 4  # times 8 rounds that the best of a round are fitted on
 
 
@@ -221,14 +221,15 @@ def _climb(
         last_error = error
         joined = min(sum(len(step.joined) for step in steps), len(base.model.effects))
         accepted = None
-        if joined < most and len(steps) < ROUNDS * most and not scene.work.done:
+        more = most + (error > LOUD * noise_error(held, quiet))
+        if joined < more and len(steps) < ROUNDS * more and not scene.work.done:
             taken = excluded(base.model) | turned_down
             # What hides in the noise of the first round may be faint.
             least = FAINT if steps else FAINT / 2
             # Company that has changed since the others had their say gives everyone another.
             pliable = None if told not in (None, base.model.names) else not reserve
             views = [View.of(s, taken, least, pliable) for s in screens(quiet, base)]
-            room = most - joined if at_once else 0
+            room = max(most - joined, 0) if at_once else 0
             steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
             base, accepted = steps[-1].before, steps[-1].accepted
         if accepted is None and reserve and _rubs(base, steps):
@@ -325,7 +326,7 @@ def _one_more(
 ) -> tuple[Judged, list[Judged], Judged | None]:
     """(`base`, levelled; it with each of those `begun`, best first; the one that earns its place, if any
     does)."""
-    rivals = each(partial(_joined, quiet, held), begun)
+    rivals = each(lambda first: judge(quiet, held, first.model, 6, first), begun)
     rivals += courses(quiet, held, base, rivals)
     for rival in rivals:
         side = rival.model.effects[-1].options.get("side", "sensor")
@@ -394,7 +395,3 @@ def _claimants(
     base, plain, *worthy = levelled([base, *on_line])
     worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
     return sorted((r for r in worthy if earns(r, plain, threshold)), key=lambda r: -r.score)
-
-
-def _joined(quiet: Scene, held: Scene | None, first: Fit) -> Judged:
-    return judge(quiet, held, first.model, 6, first)
