@@ -232,9 +232,10 @@ def _climb(
             room = max(most - joined, 0) if at_once else 0
             steps.append(_round(quiet, held, base, views, taken, room, threshold, say))
             base, accepted = steps[-1].before, steps[-1].accepted
-        if accepted is None and reserve and _rubs(base, steps):
+        if accepted is None and reserve and (base.fit.far or _rubs(base, steps)):
             # The same company once more, with those in it that were kept back.
-            reserve, standing, last_error, again, anew = frozenset(), base, np.inf, True, False
+            reserve, standing, last_error, again = frozenset(), base, np.inf, True
+            anew = base.fit.far  # those kept back may join as well
             told = base.model.names
             continue
         if accepted is None:
