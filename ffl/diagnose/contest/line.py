@@ -56,6 +56,7 @@ SURE = 3.0  # standard errors
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
 CONTACT = "presliding_friction"
 FINE = 0.1  # of the sensor's noise: a way that no recording shows
+LED = 0.5  # the same where an observer leads
 UNSURE = 0.4  # of a stiffness: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
@@ -185,7 +186,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
     had crossed the line.) A contact that gives way over less than any sensor shows, by no sure stiffness,
     eases what rounding makes of standstill, or the jumps of an observer's corrections of the state, and
-    is none of the machine's."""
+    is none of the machine's; plain friction may have the numbers that were fitted beside it."""
     model = judged.model
     index = next((k for k, name in enumerate(model.names) if name in (*LEVELS, CONTACT)), None)
     if index is None or judged.predicted:
@@ -197,7 +198,8 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     plain = plain_form(spec)
     assert plain is not None
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
-    tried = judge(judged.scene, held, replace(model, effects=effects), 8)
+    forms = [judge(judged.scene, held, replace(model, effects=effects), rounds) for rounds in (8, 0)]
+    tried = min(forms[: 1 + contact], key=lambda form: raw_error(held, form.model))
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
     tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
@@ -225,6 +227,8 @@ def _unseen(judged: Judged, index: int) -> bool:
     stiffness = float(values["stiffness"])
     way = float(values["level"]) / stiffness
     unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
+    if judged.scene.observed and way < LED * judged.scene.noise.sensor:
+        return True
     return unsure and way < FINE * judged.scene.noise.sensor
 
 

@@ -7,6 +7,7 @@ import scipy.ndimage
 import scipy.signal
 
 from ffl.effects.modal import is_speed
+from ffl.recordings.sensor_findings import quantisation_step
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 from ffl.systems.zpk import as_state_space
@@ -14,6 +15,8 @@ from ffl.systems.zpk import as_state_space
 STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
 CORNER = 0.3  # of the mean frequency of u: where that begins
 SPAN = 5  # samples over which the speed is read
+WHILE = 21  # the same for standstill
+LOUD = 3.0  # times its rounding or its noise from sample to sample: less of y is no motion
 
 
 def moved_by(plant: Plant, y: Array) -> list[Array]:
@@ -22,6 +25,19 @@ def moved_by(plant: Plant, y: Array) -> list[Array]:
     v = y if is_speed(plant.output_unit) else np.gradient(scipy.ndimage.uniform_filter1d(y, SPAN))
     x = y - np.mean(y)
     return [v * np.abs(v), np.sign(v), x**3, v, x, -x]
+
+
+def held_by(plant: Plant, u: Array, y: Array) -> list[Array]:
+    """What dry friction takes of u: all of it while y stands still, as its noise and rounding show it in
+    what comes before and after, a level one way or the other where it moves."""
+    if is_speed(plant.output_unit):
+        return []
+    step = quantisation_step(y) or 0.0
+    still = LOUD * max(step, float(np.median(np.abs(np.diff(y, 2)))))
+    around = [f(y, WHILE) for f in (scipy.ndimage.maximum_filter1d, scipy.ndimage.minimum_filter1d)]
+    stands = around[0] - around[1] <= still
+    sliding = scipy.ndimage.uniform_filter1d(np.gradient(y), WHILE)
+    return [np.where(stands, u, 0.0), np.where(stands, 0.0, np.sign(sliding))]
 
 
 def compared(

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.recorded.compared import compared, factor_of, moved_by
+from ffl.diagnose.recorded.compared import compared, factor_of, held_by, moved_by
 from ffl.diagnose.recorded.early import early
 from ffl.diagnose.recorded.sound import Fault
 from ffl.machines.simulator import Simulator
@@ -152,7 +152,7 @@ def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
     unit is the same at every amplitude.)"""
     size = np.abs(u)
     levels = [*np.quantile(size, LEVELS), *(size.max() * OF_LARGEST)]
-    moved = moved_by(plant, y)
+    moved = [*moved_by(plant, y), *held_by(plant, u, y)]
     cut = [u - np.clip(u, -level, level) for level in levels]
     made, out = compared(plant, u, y)
     table = np.column_stack([compared(plant, force, y, by=u)[0] for force in [*moved, *cut]])
