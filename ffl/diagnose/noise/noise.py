@@ -17,6 +17,7 @@ import scipy.signal
 from ffl.systems.loop import Loop
 from ffl.systems.state_space import Array
 
+LASTING = 0.25  # of a cycle in the longest recording: slower noise is a constant
 SLOWEST = 1.0  # Hz: lowest corner of coloured noise; what is slower is physics
 SLOW = 0.02  # of the sampling rate: the same for processes that are sampled slowly
 LOUDEST = 2.5  # most coloured noise beside the white: a louder one would pass friction for noise
@@ -156,7 +157,7 @@ def fit_noise(
 
     `floor`: least sensor noise (what the encoder's resolution alone gives). `belief`: weight of
     `start` as a prior on the two white parts, in units of 1/(standard deviation of the logarithm)^2.
-    `slowest`: lowest corner of the coloured parts, Hz.
+    `slowest`: lowest corner of the coloured parts, Hz; 0: as slow as the recordings can hold.
     """
     seen = spectrum(residuals, loop.system.sample_time, quantile, segment)
     paths = Paths.of(loop, seen.frequencies)
@@ -164,7 +165,8 @@ def fit_noise(
     levels = _levels(seen, paths, floor)
     duration = max(len(x) for x in residuals) * loop.system.sample_time
     slowest = min(slowest, SLOW / loop.system.sample_time)
-    corner = np.log([max(slowest, 2.0 / duration), 0.25 / loop.system.sample_time])
+    least = max(slowest, 2.0 / duration) if slowest else LASTING / duration
+    corner = np.log([least, 0.25 / loop.system.sample_time])
     share = np.log([1e-3, LOUDEST])
     ranges = [np.log(level) + np.array([-9.0, 9.0]) for level in levels]
     bounds = [ranges[0], ranges[1], share, corner, share, corner]
