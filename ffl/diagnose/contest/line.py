@@ -56,7 +56,7 @@ SURE = 3.0  # standard errors
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
 CONTACT = "presliding_friction"
 FINE = 0.1  # of the sensor's noise: a way that no recording shows
-LED = 0.5  # the same where an observer leads
+LED, ROUGH = 0.5, 2.0  # the same where an observer leads, and where the stiffness is unsure as well
 UNSURE = 0.4  # of a stiffness: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
@@ -226,12 +226,12 @@ def _one_level(judged: Judged, index: int) -> bool:
 
 def _unseen(judged: Judged, index: int) -> bool:
     values = judged.model.effects[index].parameters
-    stiffness = float(values["stiffness"])
+    stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
     way = float(values["level"]) / stiffness
     unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
-    if judged.scene.observed and way < LED * judged.scene.noise.sensor:
-        return True
-    return unsure and way < FINE * judged.scene.noise.sensor
+    if judged.scene.observed:
+        return way < (ROUGH if unsure else LED) * noise
+    return way < FINE * noise
 
 
 def _spread(judged: Judged, index: int, name: str) -> float:
