@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.evenly import TIE, about_a_centre, beside_a_load
+from ffl.diagnose.contest.evenly import TIE, about_a_centre, beside_a_load, recentred
 from ffl.diagnose.contest.judging import (
     OPEN,
     Judged,
@@ -90,6 +90,7 @@ def on_the_line(held: Scene | None, judged: Judged) -> Judged:
 def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
     """`judged` with every correction beyond the line turned into its effect; one that was held keeps
     its value, and is free from here on only to say how sure it is."""
+    judged = recentred(held, judged)
     current, settled = _spring_with_centre(scene, held, judged), judged.model.held
     if settled:
         current = _as_it_stands(current, replace(current.model, held=current.model.held - settled))
