@@ -53,8 +53,8 @@ def set_friction(io, stuck, slide_plus, slide_minus, static_plus, static_minus):
 
     * at rest, the force that keeps the end at rest, if it is within the static levels;
     * sliding, -sign(v) level, as long as the end still moves the same way;
-    * else the mass stops at the fraction tau of the step, and for the rest of it either sticks (the
-      force that balances all others) or slides back.
+    * else the mass stops at the fraction tau of the step, and for the rest of it slides back, if the
+      others push that way by more than its static level, or sticks (the force that balances them).
 
     Returns True where the end of the step is at rest.
     """
@@ -83,8 +83,8 @@ def set_friction(io, stuck, slide_plus, slide_minus, static_plus, static_minus):
     tau = min(max(v0 / (v0 - v1), 0.0), 1.0)
     before = -direction * start
     pull = (free - v0) / g  # mean of all other forces, in this friction's terms
-    held = static_plus if pull > 0 else static_minus
-    if abs(pull) <= held:
+    # Pushed on by a hair more than it is held, where levels change on the way, it has stopped all the same.
+    if -pull <= static_minus if direction > 0 else pull <= static_plus:
         slope = 3.0 * tau * (1.0 - tau) * (-pull - before)
         io[SLOPE] = slope
         io[MEAN] = -(free + g_slope * slope) / g

@@ -9,10 +9,10 @@ import numpy as np
 from ffl.diagnose.contest.judging import Judged, judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import LINE
-from ffl.diagnose.hypothesis.model import EVEN, TABLE, balanced
+from ffl.diagnose.hypothesis.model import LOAD, TABLE, Model, balanced
 from ffl.systems.plant import EffectSpec
 
-LOAD, GAIN = "constant_load", "position_dependent_gain"
+GAIN = "position_dependent_gain"
 SLIGHT = 0.05  # of the mass: what a gain by position may hold of it
 TIE = 4.0  # score that a simpler name may cost
 
@@ -41,18 +41,23 @@ def beside_a_load(held: Scene | None, judged: Judged) -> Judged:
     size of its own. (Levels of 2.4 and 8.2 mV, at their end of 0 in places, beside a load of 2.9 mV: 5.3 mV
     and a load of 5.6.)"""
     model = judged.model
-    if not {TABLE, LOAD} <= set(model.names) or EVEN in model.held:
+    if not {TABLE, LOAD} <= set(model.names) or LOAD in model.held:
         return judged
-    index, load = model.names.index(TABLE), model.names.index(LOAD)
-    spec = model.effects[index]
-    table, more = balanced(spec.parameters["table"])
-    even = replace(model, held=model.held | {EVEN})
-    even = even.with_parameters(index, {**spec.parameters, "table": table})
-    force = float(even.effects[load].parameters["force"])
-    even = even.with_parameters(load, {"force": force + more})
-    tried = judge(judged.scene, held, even, 12)
+    even = replace(_balanced(model), held=model.held | {LOAD})
+    tried = judge(judged.scene, held, even, 8)
+    tried = judge(tried.scene, held, _balanced(tried.model), 0)  # the same motion
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     return tried if tried.score > judged.score - TIE else judged
+
+
+def _balanced(model: Model) -> Model:
+    index, load = model.names.index(TABLE), model.names.index(LOAD)
+    values = model.effects[index].parameters
+    table, more = balanced(values["table"])
+    force = float(model.effects[load].parameters["force"]) + more
+    return model.with_parameters(index, {**values, "table": table}).with_parameters(
+        load, {"force": force}
+    )
 
 
 def recentred(held: Scene | None, judged: Judged) -> Judged:

@@ -35,7 +35,7 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
 WALL = 5.0  # times the median of a table: what is believed of its levels
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 TABLE = "position_dependent_friction"  # the same where its contact gives way
-EVEN = "levels by direction"  # held: those of a table have the same mean both ways
+LOAD = "constant_load"  # held beside a table: levels by direction say the same
 MOST_SUBSTEPS = 4  # 64 of them change y by 5e-4 of what the contact does, in 13 times the time
 ASTRAY = 1e4  # times the largest y, or the travel: what runs farther behind a drive has run away
 OVERFLOW = 1e12  # and any run: its squares would overflow
@@ -258,7 +258,7 @@ class Model:
 
     def _numbers(self, kind: str, specs: Sequence[EffectSpec]) -> Iterator[Coordinate]:
         for i, spec in enumerate(specs):
-            if kind == "effect" and spec.name in self.proven:
+            if kind == "effect" and (spec.name in self.proven or spec.name in self.held):
                 continue
             effect = EFFECTS[spec.name]
             own = [parameter.name for parameter in effect.parameters]
@@ -275,8 +275,7 @@ class Model:
                     doubt = WALL * float(np.median(levels)) or np.inf
                     for key in ("positive", "negative"):
                         size = float(np.mean(np.abs(value[key]))) or 1.0
-                        last = EVEN in self.held and key == "negative"  # the mean says what it is
-                        for j in range(len(value[key]) - last):
+                        for j in range(len(value[key])):
                             yield Coordinate(kind, name, i, (key, j), size, 0.0, doubt=doubt)
                     continue
                 yield number_of(self.base, kind, i, spec, parameter, float(value))
@@ -330,7 +329,7 @@ class Model:
                 parameters[c.kind][c.effect][c.name] = float(np.exp(number)) if c.log else number
         for kind, listed in specs.items():
             for spec, values in zip(listed, parameters[kind], strict=True):
-                _keep_sound(spec.name, values, EVEN in self.held)
+                _keep_sound(spec.name, values)
         effects, given = (
             tuple(replace(spec, parameters=p) for spec, p in zip(v, parameters[k], strict=True))
             for k, v in specs.items()
@@ -383,14 +382,10 @@ def balanced(table: Mapping[str, Sequence[float]]) -> tuple[dict[str, Any], floa
     return {**table, **dict(zip(("positive", "negative"), sides, strict=True))}, half
 
 
-def _keep_sound(name: str, values: dict[str, Any], even: bool) -> None:
+def _keep_sound(name: str, values: dict[str, Any]) -> None:
     """What an effect demands of its parameters together."""
     if name == "stribeck_friction":
         values["static_level"] = max(values["static_level"], values["coulomb_level"])
     if "table" in values:
-        table = values["table"]
-        if even:
-            apart = float(np.mean(table["positive"]) - np.mean(table["negative"]))
-            down = np.maximum(np.asarray(table["negative"]) + apart, 0.0).tolist()
-            table = values["table"] = {**table, "negative": down}
-        values["level"] = float(np.mean([table["positive"], table["negative"]]))
+        levels = [values["table"]["positive"], values["table"]["negative"]]
+        values["level"] = float(np.mean(levels))
