@@ -216,8 +216,9 @@ def _climb(
             scene = replace(scene, trials=standing.scene.trials)
             held = standing.held
             continue
-        if not again:
-            turned_down = set()
+        if not again:  # who came in and left again need not come a second time
+            back = bool(steps) and steps[-1].before.model.names == base.model.names
+            turned_down = set(steps[-1].joined) if back else set()
         last_error = error
         joined = min(sum(len(step.joined) for step in steps), len(base.model.effects))
         accepted = None
