@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ffl.diagnose.contest.scene import Runs, Scene
+from ffl.effects import EFFECTS
+
+LASTING = frozenset({"position", "time", "temperature", "history", "acceleration"})
+
+
+def slowly(names: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether nothing that `names` have beyond `others` goes by the speed, its direction or the command. (No
+    noise turns round where a robot's axis does.)"""
+    more = list(names)
+    for name in others:
+        if name in more:
+            more.remove(name)
+    return bool(more) and all(set(EFFECTS[name].depends_on) <= LASTING for name in more)
 
 
 def beyond_slow_noise(scene: Scene, model: Runs, base: Runs) -> float:

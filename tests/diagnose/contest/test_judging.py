@@ -47,7 +47,8 @@ class Further(Standing):
 def _judged(white: np.ndarray, fitted: float, kind: type[Standing] = Standing) -> Standing:
     found = SimpleNamespace(white=np.zeros(1000))
     held = -0.5 * effective(white) * float(np.log(np.mean(white**2)))
-    return kind(found, None, fitted, held, white)  # type: ignore[arg-type]
+    scene = SimpleNamespace(observed=False)
+    return kind(found, scene, fitted, held, white)  # type: ignore[arg-type]
 
 
 def test_held_out_gains_count_in_equally_many_samples():
