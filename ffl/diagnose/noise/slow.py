@@ -11,16 +11,19 @@ from ffl.diagnose.contest.scene import Runs, Scene
 from ffl.effects import EFFECTS
 
 LASTING = frozenset({"position", "time", "temperature", "history", "acceleration"})
+BENT = "hysteresis"  # turns round with the machine, but over its whole way
 
 
 def slowly(names: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether nothing that `names` have beyond `others` goes by the speed, its direction or the command. (No
+    """Whether nothing that `names` have beyond `others` goes by speed, its direction or the command. (No
     noise turns round where a robot's axis does.)"""
     more = list(names)
     for name in others:
         if name in more:
             more.remove(name)
-    return bool(more) and all(set(EFFECTS[name].depends_on) <= LASTING for name in more)
+    return bool(more) and all(
+        name == BENT or set(EFFECTS[name].depends_on) <= LASTING for name in more
+    )
 
 
 def beyond_slow_noise(scene: Scene, model: Runs, base: Runs) -> float:
