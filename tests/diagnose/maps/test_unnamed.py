@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.triangle import triangle
 from ffl.diagnose.maps.freeform import held_gain
 from ffl.diagnose.maps.freemodel import FreeModel, evidence
 from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.maps.unnamed import _beside_numbers
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.advise import separate
 from ffl.diagnose.recorded.events import events
@@ -240,3 +241,16 @@ def test_rivals_are_told_apart_by_what_they_would_do(scene):  # type: ignore[no-
     again = separate(ground, friction, fit(ground, friction, rounds=0), ("one", "the same"))
     assert again.separation < 1e-6
     assert "no experiment within the range seen" in again.advice
+
+
+@pytest.mark.parametrize(
+    ("names", "count"),
+    [
+        ({"hardening_spring": {"cubic_coefficient": 1e4}, "mass_change": {"change": 0.05}}, 1),
+        ({"linear_stiffness": {"stiffness": 40.0}, "quadratic_drag": {"coefficient": 3.0}}, 2),
+    ],
+)
+def test_more_mass_is_no_second_name_for_one_map(stage, names, count):  # type: ignore[no-untyped-def]
+    """The model beside a map has its mass free as well (20261228/0038: unnamed by a spring)."""
+    effects = tuple(EffectSpec(name, values) for name, values in names.items())
+    assert _beside_numbers(Model(Base.of(stage), effects=effects)) == count

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.noise.slow import slowly
 from ffl.machines import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Imperfections
@@ -52,3 +53,18 @@ def test_friction_beside_slow_noise_is_named(stage, references):  # type: ignore
     assert found["name"] in ("coulomb_friction", "asymmetric_friction")
     levels = [number["value"] for number in found["parameters"].values()]
     assert np.mean(levels) == pytest.approx(3.0, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("names", "others", "slow"),
+    [
+        (("linear_stiffness",), (), True),
+        (("hysteresis", "drift"), ("drift",), True),
+        (("constant_load", "coulomb_friction"), ("constant_load",), False),
+        (("constant_load", "coulomb_friction"), ("coulomb_friction",), True),
+        (("input_delay",), (), False),
+        (("drift",), ("drift",), False),
+    ],
+)
+def test_only_what_goes_by_place_or_time_may_be_slow_noise(names, others, slow):  # type: ignore[no-untyped-def]
+    assert slowly(names, others) is slow

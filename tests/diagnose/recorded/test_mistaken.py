@@ -13,9 +13,10 @@ from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.recorded.compared import factor_of
 from ffl.diagnose.recorded.mistaken import ALIKE, mistakes
+from ffl.machines import SimulatedMachine
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
-from ffl.systems import EffectSpec
+from ffl.systems import EffectSpec, Move, moves
 from ffl.systems.plant_file import plant_from_dict
 
 STEP = 0.01
@@ -190,3 +191,31 @@ def test_a_factor_that_other_recordings_do_not_bear_out_is_none(
     other = {"alike": [driven], "unlike": [replace(driven, y=shaken)], "none": []}[others]
     found = mistakes(motor, [first, *other])
     assert [fault.kind for fault in found if fault.recording == "run.csv"] == ["unit"] * kept
+
+
+def test_a_machine_that_friction_holds_is_no_wrong_unit():
+    """Nearly all of the command goes into friction, and into what it holds while the machine stands: y is
+    some hundredths of what the model makes of u (a reviewer's syringe pump was refused)."""
+    pump = plant_from_dict(
+        {
+            "name": "pump",
+            "sample_time": 0.002,
+            "units": {"input": "N", "output": "m"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [0.0, -20.0], "gain": 0.1667},
+            "controller": {
+                "form": "zpk", "zeros": [0.9934, 0.9603], "poles": [1.0, 0.6], "gain": 79026.0,
+            },
+            "physics": {"mass": 6.0, "motor_constant": 1.0},
+            "machine": {"encoder_resolution": 1e-6, "sensor_noise": 4e-7},
+        }
+    )  # fmt: skip
+    machine = replace(pump, effects=(EffectSpec("coulomb_friction", {"level": 9.0}),))
+    steps = [Move(0.3 + 2.0 * k, 0.004 * s, 0.003, 0.02, 1.0) for k, s in enumerate((1, -1, 1))]
+    r = moves(steps, 6.5, 0.002)
+    run = SimulatedMachine(machine).run(r, np.zeros_like(r), np.random.default_rng(1))
+    factor, _ = factor_of(pump, run.u, run.y)
+    assert factor < 0.1
+    assert mistakes(pump, [run]) == ()
+    plain = SimulatedMachine(pump).run(r, np.zeros_like(r), np.random.default_rng(1))
+    (fault,) = mistakes(pump, [replace(plain, y=0.02 * plain.y)])
+    assert fault.kind == "unit"
