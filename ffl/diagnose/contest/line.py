@@ -185,7 +185,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
     of a friction have come together to within two standard errors: what told them apart went into other
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
-    had crossed the line.) A contact that gives way over less than any sensor shows, by no sure stiffness,
+    had crossed the line.) A contact that gives way over less than any sensor shows
     eases what rounding makes of standstill, or the jumps of an observer's corrections of the state, and
     is none of the machine's; plain friction may have the numbers that were fitted beside it."""
     model = judged.model
