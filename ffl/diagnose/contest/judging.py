@@ -17,7 +17,7 @@ from ffl.diagnose.hypothesis.knots import continued
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.doubt import Doubt, judged_by
 from ffl.diagnose.noise.noise import Paths
-from ffl.diagnose.noise.slow import beyond_slow_noise, slowly
+from ffl.diagnose.noise.slow import gained_in_own_noise, slowly
 from ffl.diagnose.noise.spread import spread
 from ffl.diagnose.recorded.commands import lets_through
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
@@ -319,7 +319,7 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
     enough = credible(rival) and _gains(rival, base, threshold)
     if not (enough and rival.scene.observed and slowly(rival.model.names, base.model.names)):
         return enough
-    slow = beyond_slow_noise(rival.scene, rival.model, base.model)
+    slow = gained_in_own_noise(rival.scene, rival.model, base.model)
     return slow - PER_NUMBER * (rival.freedom - base.freedom) > threshold
 
 

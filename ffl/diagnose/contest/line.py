@@ -199,10 +199,9 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     plain = plain_form(spec)
     assert plain is not None
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
-    forms = [
-        judge(judged.scene, held, replace(model, effects=effects), rounds) for rounds in (8, 0)
-    ]
-    tried = min(forms[: 1 + contact], key=lambda form: raw_error(held, form.model))
+    plainer = replace(model, effects=effects)
+    forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if contact else (8,))]
+    tried = min(forms, key=lambda form: raw_error(held, form.model))
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
     tried, again, *rest = levelled([tried, again, *(other for _, other in others)])

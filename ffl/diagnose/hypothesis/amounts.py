@@ -102,9 +102,10 @@ def of_its_own(model: Model, spec: EffectSpec) -> float | None:
 def netted(scene: Scene, model: Model, name: str) -> Model | None:
     """`model` with the effect of the correction `name` and that correction as the one number they are,
     where it is within the line, or less than the model has: an effect that is undone. None where not."""
-    index, amount = _added(model, name)
-    if index is None:
+    if (index := _place(model, name)) is None:
         return None
+    key, unit = _unit(model, name)
+    amount = float(model.effects[index].parameters[key]) / unit
     corrections = {**model.corrections, name: model.corrections[name] + amount}
     if claims(name, sizes(scene, model, corrections).get(name, np.inf)):
         return None
@@ -114,22 +115,24 @@ def netted(scene: Scene, model: Model, name: str) -> Model | None:
 def as_effect(model: Model, name: str) -> Model | None:
     """`model` with the effect of the correction `name` and that correction as the one number they are, all
     of it the effect's: the model's own stays as stated. None where one of the two is not free."""
-    index, amount = _added(model, name)
-    if index is None:
+    if (index := _place(model, name)) is None:
         return None
+    key, unit = _unit(model, name)
     values = dict(model.effects[index].parameters)
-    key = next(iter(effect_values(model, name)))
-    values[key] = float(values[key]) * (1.0 + model.corrections[name] / amount) if amount else 0.0
+    values[key] = float(values[key]) + unit * model.corrections[name]
     corrections = {k: v for k, v in model.corrections.items() if k != name}
     other = replace(model, corrections=corrections, held=model.held | {name})
     return other.with_parameters(index, values)
 
 
-def _added(model: Model, name: str) -> tuple[int | None, float]:
-    """(which effect is of the kind of the correction `name`, what it comes to as that correction)."""
+def _place(model: Model, name: str) -> int | None:
+    """Which effect is of the kind of the correction `name`; None unless both are free."""
     if NAMES[name] not in model.names or name in model.held or name not in model.corrections:
-        return None, 0.0
-    index = model.names.index(NAMES[name])
+        return None
+    return model.names.index(NAMES[name])
+
+
+def _unit(model: Model, name: str) -> tuple[str, float]:
+    """(the effect's number, what it is of a correction `name` of 1)."""
     unit = replace(model, corrections={**model.corrections, name: 1.0})
-    key, value = next(iter(effect_values(unit, name).items()))
-    return index, float(model.effects[index].parameters[key]) / value
+    return next(iter(effect_values(unit, name).items()))

@@ -105,7 +105,7 @@ class Model:
     base: Base
     corrections: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectSpec, ...] = ()
-    held: frozenset[str] = frozenset()  # corrections that stay as they are
+    held: frozenset[str] = frozenset()  # corrections, and effects by name, that stay as they are
     given: tuple[EffectSpec, ...] | None = None
     proven: frozenset[str] = frozenset()  # effects that stand, numbers included, by direct evidence
 

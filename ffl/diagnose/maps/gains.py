@@ -8,7 +8,7 @@ from ffl.diagnose.contest.judging import OPEN, promised
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freeform import FAR, FreeForm, held_gain
-from ffl.diagnose.noise.slow import beyond_slow_noise
+from ffl.diagnose.noise.slow import gained_in_own_noise
 
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
@@ -49,15 +49,7 @@ def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:
     """Log-likelihood that the maps gain where all that either leaves is noise of any colour. (Slow force
     noise is no map: one of the position took 0.3 % off it, 40 nats under white noise and -62 under its own;
     maps of what was missing gain 150 to 1,100.)"""
-    quiet, worth = scene.like(alone.scene), []
-    if scene.observed:
-        return beyond_slow_noise(quiet, alone.free, standing)
-    for model in (alone.free, standing):
-        left = quiet.residuals(model)
-        if left is None:
-            return np.inf
-        worth.append(quiet.in_own_noise(left))
-    return worth[0] - worth[1]
+    return gained_in_own_noise(scene.like(alone.scene), alone.free, standing)
 
 
 def as_good(gains: tuple[float, float]) -> bool:

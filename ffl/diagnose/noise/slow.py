@@ -26,16 +26,17 @@ def slowly(names: Sequence[str], others: Sequence[str]) -> bool:
     )
 
 
-def beyond_slow_noise(scene: Scene, model: Runs, base: Runs) -> float:
+def gained_in_own_noise(scene: Scene, model: Runs, base: Runs) -> float:
     """Log-likelihood that `model` gains over `base` in the recordings of `scene` where all that either
-    leaves is noise of any colour, slow noise included. (Force noise of 4 % that lasts half a second was a
-    spring of less than nothing, 100 nats, a hysteresis, 73, a wave of 0.36 Hz, 61, and a drift, 93: under
-    slow noise of its own -2, 0, -1 and 13. Loads, springs and friction that are there kept 80 to 3,200.)"""
-    free = replace(scene, slowest=0.0)
+    leaves is noise of any colour: where an observer leads of noise as slow as there can be. (Force noise of
+    4 % that lasts half a second was a spring of less than nothing, 100 nats, a hysteresis, 73, a wave of
+    0.36 Hz, 61, and a drift, 93: under slow noise of its own -2, 0, -1 and 13. Loads, springs and friction
+    that are there kept 80 to 3,200.)"""
+    own = replace(scene, slowest=0.0) if scene.observed else scene
     worth = []
     for one in (model, base):
-        left = free.residuals(one)
+        left = own.residuals(one)
         if left is None:
             return np.inf if one is base else -np.inf
-        worth.append(free.in_own_noise(left))
+        worth.append(own.in_own_noise(left))
     return worth[0] - worth[1]
