@@ -6,8 +6,8 @@ import numpy as np
 import scipy.ndimage
 import scipy.signal
 
+from ffl.diagnose.recorded.holds import stands
 from ffl.effects.modal import is_speed
-from ffl.recordings.sensor_findings import quantisation_step
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 from ffl.systems.zpk import as_state_space
@@ -16,7 +16,6 @@ STILL = 0.999  # a slower pole forgets too slowly to be compared below the corne
 CORNER = 0.3  # of the mean frequency of u: where that begins
 SPAN = 5  # samples over which the speed is read
 WHILE = 21  # the same for standstill
-LOUD = 3.0  # times its rounding or its noise from sample to sample: less of y is no motion
 
 
 def moved_by(plant: Plant, y: Array) -> list[Array]:
@@ -32,12 +31,9 @@ def held_by(plant: Plant, u: Array, y: Array) -> list[Array]:
     what comes before and after, a level one way or the other where it moves."""
     if is_speed(plant.output_unit):
         return []
-    step = quantisation_step(y) or 0.0
-    still = LOUD * max(step, float(np.median(np.abs(np.diff(y, 2)))))
-    around = [f(y, WHILE) for f in (scipy.ndimage.maximum_filter1d, scipy.ndimage.minimum_filter1d)]
-    stands = around[0] - around[1] <= still
     sliding = scipy.ndimage.uniform_filter1d(np.gradient(y), WHILE)
-    return [np.where(stands, u, 0.0), np.where(stands, 0.0, np.sign(sliding))]
+    still = stands(y, WHILE)
+    return [np.where(still, u, 0.0), np.where(still, 0.0, np.sign(sliding))]
 
 
 def compared(

@@ -58,13 +58,7 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
     if len(recording) < 2 * length:
         return []
     y, u = recording.y, recording.u
-    count = quantisation_step(y) or 0.0
-    noise = (
-        1.4826 * float(np.median(np.abs(np.diff(y, 2)))) / np.sqrt(6.0)
-    )  # but for where it moves
-    span = scipy.ndimage.maximum_filter1d(y, length) - scipy.ndimage.minimum_filter1d(y, length)
-    stands = span <= 2.0 * STANDS * noise + 1.5 * count  # over `length` about it
-    still = scipy.ndimage.maximum_filter1d(stands.astype(np.uint8), length).astype(bool)
+    still = scipy.ndimage.maximum_filter1d(stands(y, length).astype(np.uint8), length).astype(bool)
     for drive in (recording.r, recording.f):
         range_ = scipy.ndimage.maximum_filter1d(drive, 3) - scipy.ndimage.minimum_filter1d(drive, 3)
         still &= range_ <= 1e-9 * max(float(np.ptp(drive)), 1e-300)
@@ -76,6 +70,16 @@ def holds(recording: Recording) -> list[tuple[int, int]]:
         for first, last in runs
         if still[first] and _wanders(u[first:last], size, block)
     ]
+
+
+def stands(y: Array, length: int) -> Array:
+    """Where y stays within its noise and its rounding over `length` samples about."""
+    count = quantisation_step(y) or 0.0
+    noise = (
+        1.4826 * float(np.median(np.abs(np.diff(y, 2)))) / np.sqrt(6.0)
+    )  # but for where it moves
+    span = scipy.ndimage.maximum_filter1d(y, length) - scipy.ndimage.minimum_filter1d(y, length)
+    return span <= 2.0 * STANDS * noise + 1.5 * count
 
 
 def _wanders(u: Array, size: float, block: int) -> bool:
