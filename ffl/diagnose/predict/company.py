@@ -24,8 +24,8 @@ from ffl.systems.zpk import Zpk
 BY_COMMAND = frozenset({"command", "time"})  # what an effect of the drive alone depends on
 # Forces along the motion: where a machine is and how fast it goes, a little noise does not matter.
 ALONG = frozenset(
-    {"cogging", "hardening_spring", "gravity_torque", "hysteresis", "presliding_friction",
-     "quadratic_drag", "drift", "periodic_disturbance"}
+    {"cogging", "hardening_spring", "preloaded_spring", "gravity_torque", "hysteresis",
+     "presliding_friction", "quadratic_drag", "drift", "periodic_disturbance"}
 )  # fmt: skip
 BY_POSITION = frozenset({"encoder_ripple", "position_dependent_gain"})  # sums of their regressors
 

@@ -277,3 +277,21 @@ def test_no_form_is_tried_where_free_runs_of_the_one_that_stands_are_far_ahead(
     monkeypatch.setattr(dry_in_noise, "_by_free_runs", free)
     assert dry_in_noise._led_by_free_runs(*asked) is led
     assert not dry_in_noise._led_by_free_runs(scene, held, bare, (model, model), (scene.noise,))
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held_out", "shown", "beats"),
+    [
+        (50.0, 20.0, 100.0, True),
+        (50.0, 10.0, 100.0, False),  # the held-out recording could have told it
+        (50.0, 1.0, 5.0, True),  # it hardly sees friction, and does not speak against this one
+        (50.0, -1.0, 5.0, False),
+        (20.0, 1.0, 5.0, False),
+    ],
+)
+def test_a_held_out_recording_is_asked_what_it_can_tell(fitted, held_out, shown, beats):  # type: ignore[no-untyped-def]
+    def judged(fitted, held_out):  # type: ignore[no-untyped-def]
+        return SimpleNamespace(score=fitted + held_out, held_out=held_out)
+
+    plain, other = judged(-200.0, -shown), judged(-fitted, -held_out)
+    assert dry_in_noise._beats(judged(0.0, 0.0), (plain, other), plain) is beats
