@@ -28,6 +28,7 @@ from ffl.effects.periodic_disturbance import PeriodicDisturbance
 from ffl.effects.point import Point
 from ffl.effects.position_dependent_friction import PositionDependentFriction
 from ffl.effects.position_dependent_gain import PositionDependentGain
+from ffl.effects.preloaded_spring import PreloadedSpring
 from ffl.effects.presliding_friction import PreslidingFriction
 from ffl.effects.quadratic_drag import QuadraticDrag
 from ffl.effects.saturation import Saturation
@@ -56,6 +57,7 @@ EFFECTS: dict[str, Effect] = {
         Cogging(),
         LinearStiffness(),
         HardeningSpring(),
+        PreloadedSpring(),
         GravityTorque(),
         PositionDependentGain(),
         QuadraticDrag(),

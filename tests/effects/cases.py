@@ -144,6 +144,11 @@ ORACLE = {
         Case(force=lambda t, x, v, z: -1e6 * (x - 0.001) ** 3),
         2e-9,
     ),
+    "preloaded_spring": (
+        {"preload": 5.0, "centre": 0.004, "width": 2e-4},
+        Case(force=lambda t, x, v, z: -5.0 * min(max((x - 0.004) / 2e-4, -1.0), 1.0)),
+        6e-6,
+    ),
     "gravity_torque": (
         {"amplitude": 200.0, "centre": -20.0, "turn": 360.0},
         Case(force=lambda t, x, v, z: -200.0 * np.sin(np.deg2rad(x + 20.0))),

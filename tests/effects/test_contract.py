@@ -36,6 +36,10 @@ SMALL = {
     "cogging": ({"amplitude": 1e-4, "period": 0.005, "phase": 0.3}, {"period": 0.005}),
     "linear_stiffness": ({"stiffness": 0.01, "centre": 0.002}, {}),
     "hardening_spring": ({"cubic_coefficient": 10.0, "centre": 0.001}, {"centre": 0.001}),
+    "preloaded_spring": (
+        {"preload": 1e-4, "centre": 0.001, "width": 0.002},
+        {"centre": 0.001, "width": 0.002},
+    ),
     "gravity_torque": ({"amplitude": 1e-4, "centre": 0.3}, {}),
     "position_dependent_gain": (
         {"linear_coefficient": 1e-4, "quadratic_coefficient": 1e-3, "centre": 0.01},
@@ -174,7 +178,7 @@ def test_describes_itself(name):
 
 
 PUSHES = ("constant_load", "cogging", "gravity_torque", "linear_stiffness", "hardening_spring",
-          "encoder_ripple", "periodic_disturbance", "drift")  # fmt: skip
+          "preloaded_spring",          "encoder_ripple", "periodic_disturbance", "drift")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - set(PUSHES)))

@@ -67,6 +67,7 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
         "cogging",
         "linear_stiffness",
         "hardening_spring",
+        "preloaded_spring",
         "gravity_torque",
         "position_dependent_friction",
         "position_dependent_gain",
