@@ -194,7 +194,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
         return judged, outcome
     spec = model.effects[index]
     contact = spec.name == CONTACT
-    if not (_unseen if contact else _one_level)(judged, index):
+    if not (unseen if contact else _one_level)(judged, index):
         return judged, outcome
     plain = plain_form(spec)
     assert plain is not None
@@ -224,7 +224,8 @@ def _one_level(judged: Judged, index: int) -> bool:
     return apart < 2.0 * float(np.hypot(*(_spread(judged, index, name) for name in (one, other))))
 
 
-def _unseen(judged: Judged, index: int) -> bool:
+def unseen(judged: Judged, index: int) -> bool:
+    """Whether the contact of presliding friction, effect `index`, gives way over less than a sensor shows."""
     values = judged.model.effects[index].parameters
     stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
     way = float(values["level"]) / stiffness

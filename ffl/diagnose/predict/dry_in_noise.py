@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.contest.judging import SHARE, Judged, credible
-from ffl.diagnose.contest.line import crosses
+from ffl.diagnose.contest.line import CONTACT, crosses, unseen
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE, level_of
@@ -33,7 +33,10 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
-CLEAR = 15.0  # log-likelihood, fitted and held out alike, over no friction and over free runs
+CLEAR = (
+    15.0  # log-likelihood, in the mean of fitted and held out, over no friction and over free runs
+)
+ALSO = 5.0  # of it in either
 LED = 500.0  # log-likelihood by which free runs of a friction are ahead where no other form will be
 ALIKE = 0.25  # of a level, between the same friction under two noises
 STILL = 0.02  # of a level that stands: force noise below it smooths nothing
@@ -111,7 +114,7 @@ def _clear(
     plain, rivals = _forms(scene, held, begun, noises)
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):
-        best = _as_stated(best, scene, held)
+        best = _as_stated(best, scene, held, noises)
     if plain is None or best is None or crosses(scene, best):
         return None
     before = _by_free_runs(standing, best, scene, held, begun[0])
@@ -120,13 +123,15 @@ def _clear(
 
 
 def _beats(best: Judged, beaten: Sequence[Judged], plain: Judged) -> bool:
-    """Clearly the likelier than each of `beaten`, fitted and held out. A held-out recording in which any
-    friction says less than that over `plain`, without one, cannot be asked: there it must not be
-    behind, and the fitted ones must say it twice."""
-    fitted, unseen = (min(_worth(best)[at] - _worth(one)[at] for one in beaten) for at in (0, 1))
-    if best.held_out - plain.held_out < CLEAR:
-        return unseen >= 0.0 and fitted >= 2.0 * CLEAR
-    return min(fitted, unseen) >= CLEAR
+    """Clearly the likelier than each of `beaten`, fitted and held out together, and the more likely in
+    both. A held-out recording in which any friction says less than that over `plain`, without one, cannot
+    be asked: there it must not be behind."""
+    asked = ALSO if best.held_out - plain.held_out >= CLEAR else 0.0
+    for one in beaten:
+        fitted, unseen = (b - a for a, b in zip(_worth(one), _worth(best), strict=True))
+        if fitted < ALSO or unseen < asked or fitted + unseen < 2.0 * CLEAR:
+            return False
+    return True
 
 
 def _led_by_free_runs(
@@ -171,13 +176,15 @@ def _best(rivals: Sequence[Judged], none: Judged | None) -> Judged | None:
     return min(near, key=lambda one: len(one.model.coordinates))
 
 
-def _as_stated(best: Judged, scene: Scene, held: Scene) -> Judged | None:
+def _as_stated(best: Judged, scene: Scene, held: Scene, noises: Sequence[Noise]) -> Judged | None:
     """`best` with what of mass, damping and stiffness went beyond the contract's line as the plant file has
-    it: it stands for what a step of a sample does not resolve, or for an effect that free runs tell."""
+    it, under that of the `noises` which suits it then: it stood for what a step of a sample does not
+    resolve, for an effect that free runs tell, or for another noise."""
     beyond = {n for n, size in sizes(scene, best.model).items() if claims(n, size)}
     corrections = {k: v for k, v in best.model.corrections.items() if k not in beyond}
     model = replace(best.model, corrections=corrections, held=best.model.held | beyond)
-    return _judged(refitted(Slip(model, best.scene.noise), scene.trials), scene, held)
+    tried = [refitted(Slip(model, noise), scene.trials) for noise in {best.scene.noise, *noises}]
+    return _judged(max(tried, key=lambda one: one.scaled(scene.trials)[0]), scene, held)
 
 
 def _company(model: Model) -> tuple[EffectSpec, ...] | None:
@@ -284,7 +291,12 @@ def _forms(
         leans = name not in STIFF or best.worth(short) > plain.worth(short) + LEAN
         forms.append(refitted(best, trials) if leans else best)
     judged = [_judged(found, scene, held) for found in forms]
-    return _judged(none, scene, held), [one for one in judged if one is not None]
+    return _judged(none, scene, held), [one for one in judged if one is not None and _shown(one)]
+
+
+def _shown(judged: Judged) -> bool:
+    """Not a contact that no sensor shows: that is plain friction."""
+    return judged.model.names[-1] != CONTACT or not unseen(judged, len(judged.model.names) - 1)
 
 
 def _with(model: Model, noise: Noise, name: str, options, **values: Any) -> Slip:  # type: ignore[no-untyped-def]

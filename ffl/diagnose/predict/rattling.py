@@ -109,7 +109,9 @@ def with_rattling(
     found = burdened(needed(found, scene.trials), scene)
     company = accompanied(found, scene)
     scene = clocked(scene, company)
-    if company.found.worth(scene.trials) > found.worth(scene.trials):
+    fewer = len(company.found.model.coordinates) < len(found.model.coordinates)
+    behind_by = found.worth(scene.trials) - company.found.worth(scene.trials)
+    if behind_by < (LEAST if fewer else 0.0):  # a plainer form need not foretell more
         found = settled(company.found, scene, LOOSENESS[1:])
     found = crossed(found, scene)
 

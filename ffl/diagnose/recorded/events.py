@@ -2,7 +2,8 @@
 
 A knock, a cable that catches, a bus that stalls: no map of the motion repeats them, and over whole
 segments they pass for loud noise. Here the noise is what the quieter short windows show; under it
-the power of a window of pure noise stays near one, and that of a window with an event does not.
+the power of a window of pure noise stays near that of half of its recording's, and that of a window with
+an event does not.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ def events(scene: Scene, residuals: list[Array], plant: Plant | None = None) -> 
         power = power / _growth(power)
         if n >= FEW:  # the first tells where the recording began, which is estimated
             power[0] = min(power[0], float(np.median(power)))
+            power = power / max(float(np.median(power)), 1e-300)  # one may be noisier than another
         powers.append(power)
         spans.append(trial.start_time + trial.sample_time * WINDOW * np.arange(n + 1))
     together = np.concatenate(powers)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -197,6 +199,13 @@ def test_knocks_are_events_and_noise_is_not(scene, stage):  # type: ignore[no-un
     seen = events(ground, [quiet[0] + trace])
     assert seen.found
     assert all(any(a - 0.1 < at < b + 0.1 for a, b in seen.stretches) for at in (0.4, 1.3, 2.2))
+
+
+def test_a_recording_noisier_than_the_others_is_no_event(scene):  # type: ignore[no-untyped-def]
+    ground, model = scene
+    (quiet,) = ground.residuals(model)
+    three = replace(ground, trials=ground.trials * 3)
+    assert not events(three, [quiet, 3.0 * quiet, 2.0 * quiet]).found
 
 
 def test_noise_that_grows_and_a_beginning_are_no_events(scene):  # type: ignore[no-untyped-def]

@@ -283,7 +283,9 @@ def test_no_form_is_tried_where_free_runs_of_the_one_that_stands_are_far_ahead(
     ("fitted", "held_out", "shown", "beats"),
     [
         (50.0, 20.0, 100.0, True),
-        (50.0, 10.0, 100.0, False),  # the held-out recording could have told it
+        (26.0, 13.0, 100.0, True),
+        (50.0, 2.0, 100.0, False),  # the held-out recording could have told it
+        (12.0, 12.0, 100.0, False),
         (50.0, 1.0, 5.0, True),  # it hardly sees friction, and does not speak against this one
         (50.0, -1.0, 5.0, False),
         (20.0, 1.0, 5.0, False),
