@@ -225,7 +225,7 @@ def _one_level(judged: Judged, index: int) -> bool:
 
 
 def unseen(judged: Judged, index: int) -> bool:
-    """Whether the contact of effect `index`, presliding friction, gives way over less than a sensor shows."""
+    """Whether the contact of effect `index`, presliding friction, gives way over less than sensors show."""
     values = judged.model.effects[index].parameters
     stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
     way = float(values["level"]) / stiffness
