@@ -9,7 +9,8 @@ import numpy as np
 from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import judge, raw_error
-from ffl.diagnose.contest.line import across_the_line, against_the_refused, plainest
+from ffl.diagnose.contest.line import across_the_line, against_the_refused
+from ffl.diagnose.contest.plainest import plainest
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
 from ffl.diagnose.hypothesis.model import Base, Model

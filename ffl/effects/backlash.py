@@ -220,7 +220,4 @@ class Backlash(Effect):
         return {"gap": max(float(coefficients[0]), 0.0)}
 
     def says(self, values: Parameters, plant: Plant) -> str:
-        return (
-            f"Motor and load have a play of {self.quantity(values, 'gap', plant)} between them "
-            "(backlash)."
-        )
+        return f"There is a play of {self.quantity(values, 'gap', plant)} in the transmission (backlash)."

@@ -20,18 +20,15 @@ from ffl.diagnose.contest.judging import (
     judge,
     levelled,
     likeliest,
-    raw_error,
     raw_residuals,
 )
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import (
     KEEP,
-    PLAINEST,
     PLIABLE,
     RIVALS,
     SUBSTITUTE,
-    plain_form,
     settle,
 )
 from ffl.diagnose.hypothesis.amounts import (
@@ -54,15 +51,6 @@ LOSS = 1.5  # times the mean square left: beyond it a refit of the same number a
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
-CONTACT = "presliding_friction"
-FINE = 0.1  # of the sensor's noise: a way that no recording shows
-LED, ROUGH = 0.5, 2.0  # the same where an observer leads, and where the stiffness is unsure as well
-UNSURE = 0.4  # of a stiffness: its standard error
-EASED = 1.25  # times the held-out squares that plain friction may leave in its place
-LEVELS = {  # the two that a form of dry friction has, where plain friction has one
-    "stribeck_friction": ("static_level", "coulomb_level"),
-    "asymmetric_friction": ("level_positive", "level_negative"),
-}
 
 
 def slight(spec: EffectSpec, plant: Plant) -> bool:
@@ -179,70 +167,6 @@ def _in_parts(model: Model) -> bool:
     (Beside a load behind a play 7 % more mass stayed a correction: at the motor alone it was another
     machine.)"""
     return any(type(EFFECTS[spec.name]).modify is not Effect.modify for spec in model.effects)
-
-
-def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judged, Outcome]:
-    """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
-    of a friction have come together to within two standard errors: what told them apart went into other
-    numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
-    had crossed the line.) A contact that gives way over less than any sensor shows
-    eases what rounding makes of standstill, or the jumps of an observer's corrections of the state, and
-    is none of the machine's; plain friction may have the numbers that were fitted beside it."""
-    model = judged.model
-    index = next((k for k, name in enumerate(model.names) if name in (*LEVELS, CONTACT)), None)
-    if index is None or judged.predicted:
-        return judged, outcome
-    spec = model.effects[index]
-    contact = spec.name == CONTACT
-    if not (unseen if contact else _one_level)(judged, index):
-        return judged, outcome
-    plain = plain_form(spec)
-    assert plain is not None
-    effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
-    plainer = replace(model, effects=effects)
-    forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if contact else (8,))]
-    tried = min(forms, key=lambda form: raw_error(held, form.model))
-    again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
-    others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
-    tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
-    if contact:
-        refused = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
-    else:
-        refused = not tried.score > again.score - TIE
-    if refused:
-        return judged, outcome
-    names = [PLAINEST, spec.name, *(name for name, _ in others)]
-    pairs = list(zip(names, [tried, again, *rest], strict=True))
-    pairs = [pair for pair in pairs if not (contact and pair[0] == CONTACT)]
-    return tried, replace(outcome, contenders={**outcome.contenders, PLAINEST: pairs})
-
-
-def _one_level(judged: Judged, index: int) -> bool:
-    spec = judged.model.effects[index]
-    one, other = LEVELS[spec.name]
-    apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
-    return apart < 2.0 * float(np.hypot(*(_spread(judged, index, name) for name in (one, other))))
-
-
-def unseen(judged: Judged, index: int) -> bool:
-    """Whether the contact of effect `index`, presliding friction, gives way over less than sensors show."""
-    values = judged.model.effects[index].parameters
-    stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
-    way = float(values["level"]) / stiffness
-    unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
-    if judged.scene.observed:
-        return way < (ROUGH if unsure else LED) * noise
-    return way < FINE * noise
-
-
-def _spread(judged: Judged, index: int, name: str) -> float:
-    """Standard error of a number of effect `index`; 0 where it is not free."""
-    for c, spread in zip(judged.model.coordinates, judged.spread, strict=True):
-        if (c.kind, c.effect, c.name) == ("effect", index, name):
-            return float(spread) * (
-                float(judged.model.effects[index].parameters[name]) if c.log else 1.0
-            )
-    return 0.0
 
 
 def _netted(held: Scene | None, judged: Judged) -> Judged:

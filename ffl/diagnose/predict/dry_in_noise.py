@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.contest.judging import SHARE, Judged, credible
-from ffl.diagnose.contest.line import CONTACT, crosses, unseen
+from ffl.diagnose.contest.line import crosses
+from ffl.diagnose.contest.plainest import CONTACT, unseen
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE, level_of

@@ -14,7 +14,6 @@ from ffl.diagnose.contest.line import (
     across_the_line,
     against_the_refused,
     on_the_line,
-    plainest,
 )
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -67,33 +66,6 @@ def test_more_mass_of_a_stage_that_a_play_divides_is_more_in_all_its_parts(stage
     assert found.names == ("backlash", "mass_change")
     assert found.effects[1].parameters["change"] == pytest.approx(0.08, abs=0.005)
     assert found.effects[1].options == {"side": "all"}
-
-
-@pytest.mark.parametrize(
-    ("machine", "said"),
-    [
-        (EffectSpec("coulomb_friction", {"level": 3.0}), "coulomb_friction"),
-        (
-            EffectSpec(
-                "stribeck_friction",
-                {"coulomb_level": 2.0, "static_level": 4.0, "stribeck_velocity": 0.02},
-            ),
-            "stribeck_friction",
-        ),
-    ],
-)
-def test_two_levels_that_no_recording_tells_apart_are_one(stage, record, machine, said):  # type: ignore[no-untyped-def]
-    falling = EffectSpec(
-        "stribeck_friction", {"coulomb_level": 2.8, "static_level": 3.2, "stribeck_velocity": 0.02}
-    )
-    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
-    judged = judge(scene, None, model.with_effect(falling), rounds=30)
-    outcome = Outcome(judged, [], None, {"stribeck_friction": [("stribeck_friction", judged)]})
-    found, after = plainest(None, judged, outcome)
-    assert found.model.names == (said,)
-    if said == "coulomb_friction":
-        assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.02)
-        assert [name for name, _ in after.contenders[said]] == [said, "stribeck_friction"]
 
 
 def test_a_correction_beyond_the_line_is_held_on_it(stage, record):  # type: ignore[no-untyped-def]

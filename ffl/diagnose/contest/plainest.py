@@ -1,0 +1,107 @@
+"""Forms of dry friction whose further numbers say nothing: plain friction by another name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.evenly import TIE
+from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
+from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import PLAINEST, plain_form
+from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
+
+CONTACT = "presliding_friction"
+FINE = 0.1  # of the sensor's noise: a way that no recording shows
+LED, ROUGH = 0.5, 2.0  # the same where an observer leads, and where the stiffness is unsure as well
+UNSURE = 0.4  # of a stiffness: its standard error
+EASED = 1.25  # times the held-out squares that plain friction may leave in its place
+LEVELS = {  # the two that a form of dry friction has, where plain friction has one
+    "stribeck_friction": ("static_level", "coulomb_level"),
+    "asymmetric_friction": ("level_positive", "level_negative"),
+}
+FLAT = 0.02  # of the mean level: what lies between the levels of a table that has but one
+
+
+def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judged, Outcome]:
+    """(`judged` or the same with plain dry friction, `outcome` with both as contenders) where both levels
+    of a friction have come together to within two standard errors: what told them apart went into other
+    numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
+    had crossed the line.) A contact that gives way over less than any sensor shows eases what rounding
+    makes of standstill, or the jumps of an observer's corrections of the state, and is none of the
+    machine's; nor are places told by levels that differ by a hundredth. (An extruder's 3 N, between 2.984
+    and 3.025.) Plain friction may have the numbers that were fitted beside them."""
+    model = judged.model
+    index = next((k for k, name in enumerate(model.names) if name in SAME), None)
+    if index is None or judged.predicted:
+        return judged, outcome
+    spec = model.effects[index]
+    eased = spec.name not in LEVELS
+    if not SAME[spec.name](judged, index):
+        return judged, outcome
+    plain = plain_form(spec)
+    assert plain is not None
+    effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
+    plainer = replace(model, effects=effects)
+    forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if eased else (8,))]
+    tried = min(forms, key=lambda form: raw_error(held, form.model))
+    again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
+    others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
+    tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
+    if eased:
+        refused = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
+    else:
+        refused = not tried.score > again.score - TIE
+    if refused:
+        return judged, outcome
+    names = [PLAINEST, spec.name, *(name for name, _ in others)]
+    pairs = list(zip(names, [tried, again, *rest], strict=True))
+    pairs = [pair for pair in pairs if not (eased and pair[0] == spec.name)]
+    return tried, replace(outcome, contenders={**outcome.contenders, PLAINEST: pairs})
+
+
+def _one_level(judged: Judged, index: int) -> bool:
+    spec = judged.model.effects[index]
+    one, other = LEVELS[spec.name]
+    apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
+    return apart < 2.0 * float(np.hypot(*(_spread(judged, index, name) for name in (one, other))))
+
+
+def unseen(judged: Judged, index: int) -> bool:
+    """Whether the contact of effect `index`, presliding friction, gives way over less than sensors show."""
+    values = judged.model.effects[index].parameters
+    stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
+    way = float(values["level"]) / stiffness
+    unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
+    if judged.scene.observed:
+        return way < (ROUGH if unsure else LED) * noise
+    return way < FINE * noise
+
+
+def _flat(judged: Judged, index: int) -> bool:
+    """Whether a table of friction has the same level at all places and either way, to a hundredth."""
+    table = judged.model.effects[index].parameters.get("table")
+    if not isinstance(table, Mapping):
+        return True
+    levels = np.concatenate([np.asarray(table[way], float) for way in ("positive", "negative")])
+    return float(np.ptp(levels)) < FLAT * abs(float(levels.mean()))
+
+
+def _spread(judged: Judged, index: int, name: str) -> float:
+    """Standard error of a number of effect `index`; 0 where it is not free."""
+    for c, spread in zip(judged.model.coordinates, judged.spread, strict=True):
+        if (c.kind, c.effect, c.name) == ("effect", index, name):
+            return float(spread) * (
+                float(judged.model.effects[index].parameters[name]) if c.log else 1.0
+            )
+    return 0.0
+
+
+SAME = {  # forms of dry friction, and when each is plain friction by another name
+    **dict.fromkeys(LEVELS, _one_level),
+    CONTACT: unseen,
+    TABLE: _flat,
+}

@@ -1,0 +1,70 @@
+"""Plain friction that goes by another name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.plainest import plainest
+from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import prepare
+from ffl.systems import EffectSpec
+
+
+def scene_of(plant, recordings):  # type: ignore[no-untyped-def]
+    base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
+    trials = tuple(prepare(base.simulator, r, 1e-7) for r in recordings)
+    return Scene(plant.loop, trials, Noise(1e-7, 2e-3)), Model(base)
+
+
+@pytest.mark.parametrize(
+    ("machine", "said"),
+    [
+        (EffectSpec("coulomb_friction", {"level": 3.0}), "coulomb_friction"),
+        (
+            EffectSpec(
+                "stribeck_friction",
+                {"coulomb_level": 2.0, "static_level": 4.0, "stribeck_velocity": 0.02},
+            ),
+            "stribeck_friction",
+        ),
+    ],
+)
+def test_two_levels_that_no_recording_tells_apart_are_one(stage, record, machine, said):  # type: ignore[no-untyped-def]
+    falling = EffectSpec(
+        "stribeck_friction", {"coulomb_level": 2.8, "static_level": 3.2, "stribeck_velocity": 0.02}
+    )
+    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
+    judged = judge(scene, None, model.with_effect(falling), rounds=30)
+    outcome = Outcome(judged, [], None, {"stribeck_friction": [("stribeck_friction", judged)]})
+    found, after = plainest(None, judged, outcome)
+    assert found.model.names == (said,)
+    if said == "coulomb_friction":
+        assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.02)
+        assert [name for name, _ in after.contenders[said]] == [said, "stribeck_friction"]
+
+
+@pytest.mark.parametrize(
+    ("apart", "said"), [(0.01, "coulomb_friction"), (0.8, "position_dependent_friction")]
+)
+def test_a_table_of_one_level_is_plain_friction(stage, record, apart, said):  # type: ignore[no-untyped-def]
+    def table(apart):  # type: ignore[no-untyped-def]
+        levels = [3.0 - apart, 3.0, 3.0 + apart]
+        values = {"grid": [-0.1, 0.0, 0.1], "positive": levels, "negative": levels}
+        return EffectSpec("position_dependent_friction", {"table": values, "level": 3.0})
+
+    scene, model = scene_of(stage, record(replace(stage, effects=(table(apart),))))
+    judged = judge(scene, None, model.with_effect(table(apart)), rounds=0)
+    name = "position_dependent_friction"
+    held = replace(scene, trials=scene.trials[:1])
+    found, after = plainest(held, judged, Outcome(judged, [], held, {name: [(name, judged)]}))
+    assert found.model.names == (said,)
+    if said == "coulomb_friction":
+        assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.01)
+        assert [name for name, _ in after.contenders[said]] == [said]
