@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.judging import Judged, credible
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.screen.candidate import Candidate
 
@@ -19,6 +19,13 @@ class Step:
     rivals: tuple[Judged, ...]
     accepted: Judged | None
     turned_down: Judged | None = None
+
+    @property
+    def refused(self) -> Judged | None:
+        """Who was turned down; where nobody came in, the likeliest of those who might have."""
+        if self.turned_down is not None or self.accepted is not None:
+            return self.turned_down
+        return next((rival for rival in self.rivals if credible(rival)), None)
 
     @property
     def joined(self) -> tuple[str, ...]:

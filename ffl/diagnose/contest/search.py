@@ -134,8 +134,8 @@ def _room(model: Model) -> int:
 def _with_who_was_turned_down(
     outcome: Outcome, threshold: float, most: int, say: Callable[[str], None]
 ) -> Outcome:
-    """Where the first that was turned down brought the fitted recordings very much, it goes on from there
-    with nobody turned down; what it comes to stands only if it leaves less than `HALF` of what was left in
+    """Where the first that was refused brought the fitted recordings very much, it goes on from there with
+    nobody turned down; what it comes to stands only if it leaves less than `HALF` of what was left in
     the held-out recordings. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times
     the held-out error, all three leave a ninetieth.)"""
     stood = raw_error(outcome.held, outcome.standing.model)
@@ -143,10 +143,10 @@ def _with_who_was_turned_down(
     if scene.work.done or HALF * stood < noise_error(outcome.held, scene):
         return outcome
     for step in outcome.steps:
-        one = step.turned_down
+        one = step.refused
         if one is None or one.fitted - step.before.fitted < UNTOLD:
             continue
-        say(f"the other way: with {one.name}, turned down before")
+        say(f"the other way: with {one.name}, refused before")
         joined = [s for s in outcome.steps[: outcome.steps.index(step)] if s.accepted is not None]
         steps = [*joined, replace(step, accepted=one, turned_down=None)]
         start = one.scene, one.held, one, steps, {}

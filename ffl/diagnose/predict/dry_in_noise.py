@@ -34,10 +34,8 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
-CLEAR = (
-    15.0  # log-likelihood, in the mean of fitted and held out, over no friction and over free runs
-)
-ALSO = 5.0  # of it in either
+CLEAR = 12.0  # log-likelihood, in the mean of fitted and held out, over none and over free runs
+ALSO = 4.0  # of it in either
 LED = 500.0  # log-likelihood by which free runs of a friction are ahead where no other form will be
 ALIKE = 0.25  # of a level, between the same friction under two noises
 STILL = 0.02  # of a level that stands: force noise below it smooths nothing
@@ -161,16 +159,21 @@ def _alike(one: Judged, other: Judged) -> bool:
 
 def _best(rivals: Sequence[Judged], none: Judged | None) -> Judged | None:
     """The likeliest form that has numbers of its physics; a table must say more than fit a little better,
-    or mend a little of what the filter itself is wrong by: that puts the true level behind another by 2 %
-    of what friction brings over `none`. What does nearly as well with fewer numbers is preferred."""
+    or mend a little of what the filter itself is wrong by, which puts the true level behind another by 2 %
+    of what friction brings over `none`: much more, or as clearly where nothing was fitted. What does
+    nearly as well with fewer numbers is preferred."""
     able = [one for one in rivals if credible(one)]
     if not able or none is None:
         return None
     brought = max(one.score for one in able) - none.score
-    share = max(SHARE * max(len(one.fit.white) for one in able), LITTLE * brought)
+    share = SHARE * max(len(one.fit.white) for one in able)
+    others = [one.held_out for one in able if one.model.names[-1] not in PLIABLE]
 
     def worth(one: Judged) -> float:
-        return one.score - (share if one.model.names[-1] in PLIABLE else 0.0)
+        if one.model.names[-1] not in PLIABLE:
+            return one.score
+        told = one.held_out >= max(others, default=np.inf) + CLEAR
+        return one.score - max(0.0 if told else share, LITTLE * brought)
 
     top = max(worth(one) for one in able)
     near = [one for one in able if worth(one) > top - max(SUBSTITUTE, LEAST * brought)]

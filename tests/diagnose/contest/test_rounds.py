@@ -1,0 +1,26 @@
+"""What a round of the contest says of those it did not take."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from ffl.diagnose.contest import rounds
+from ffl.diagnose.contest.rounds import Step
+
+
+@pytest.mark.parametrize(
+    ("accepted", "turned_down", "refused"),
+    [
+        (None, "drag", "drag"),
+        (None, None, "friction"),  # the likeliest that has numbers of its physics
+        ("spring", None, None),  # who came in was the likelier
+    ],
+)
+def test_the_refused_is_who_was_turned_down_or_who_might_have_come_in(  # type: ignore[no-untyped-def]
+    accepted, turned_down, refused, monkeypatch
+):
+    monkeypatch.setattr(rounds, "credible", lambda rival: rival != "mode")
+    step = Step(SimpleNamespace(), (), ("mode", "friction", "load"), accepted, turned_down)
+    assert step.refused == refused
