@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -166,8 +166,8 @@ def check_campaign(campaign: Campaign) -> None:
     """What a run would refuse, found without running: regressors, weights' lengths, bounds."""
     for index, run in enumerate(campaign.runs):
         try:
-            updater = campaign.task(run).updater()
-            _check_feasible(campaign, run, updater)
+            campaign.task(run).updater()
+            _check_feasible(campaign, run)
             if campaign.second_reference is not None and not isinstance(run.basis, FreeSignal):
                 run.basis.regressors(campaign.second_reference)
         except (InputError, OverflowError, MemoryError) as error:
@@ -175,19 +175,19 @@ def check_campaign(campaign: Campaign) -> None:
             raise InputError(f"{where}runs[{index}] ({run.name}): {error}") from None
 
 
-def _check_feasible(campaign: Campaign, run: RunSpec, updater: Any) -> None:
-    """Bounds that exclude one another whatever the trial brings are bad input, not an outcome."""
-    n = len(campaign.reference)
-    names = [k for k in Constraints.NAMES if getattr(run.constraints, k) is not None]
-    fixed = [name for name in names if name != "command"]
-    entries = {name: run.basis.n_parameters if name == "parameters" else n for name in names}
-    limits = [run.constraints.limits(name, entries[name]) for name in names]
-    if all(np.all(low <= 0) and np.all(high >= 0) for low, high in limits) or not fixed:
+def _check_feasible(campaign: Campaign, run: RunSpec) -> None:
+    """Bounds that exclude one another whatever the trial brings are bad input, not an outcome; the
+    command's depend on the trial, so the others are tried without them, and on the linear part."""
+    fixed = replace(run.constraints, command=None)
+    n, free = len(campaign.reference), isinstance(run.basis, FreeSignal)
+    count = n if free else run.basis.n_parameters
+    names = [name for name in Constraints.NAMES if getattr(fixed, name) is not None]
+    limits = [fixed.limits(name, count if name == "parameters" else n) for name in names]
+    if all(np.all(low <= 0) and np.all(high >= 0) for low, high in limits):
         return
-    report = updater.update(
-        np.zeros(run.basis.n_parameters), np.zeros(n), np.zeros(n) if "command" in names else None
-    ).report
-    if report.status == "infeasible" and "command" not in names:
+    linear = replace(run, constraints=fixed, update=run.update if free else "osqp")
+    report = campaign.task(linear).updater().update(np.zeros(count), campaign.reference).report
+    if report.status == "infeasible":
         raise InputError(f"constraints: {report.message}")
 
 

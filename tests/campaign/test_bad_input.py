@@ -100,3 +100,26 @@ def test_a_folder_that_is_not_finished_is_not_run_again(write_campaign, said, tm
     (tmp_path / "folder").mkdir()
     line = said("export", "done", "--run", "fir", "--format", "csv", "--out", "folder")
     assert "folder: is a folder; give a file for --out" in line
+
+
+def bounded(basis, bounds):
+    """Edits of the campaign: its run "derivatives" with another basis, and with bounds."""
+    line = 'basis = [{ kind = "derivatives", orders = ["velocity", "acceleration"] }]\n'
+    weights = "weights = { error = 1.0, feedforward = 1e-14 }\n"
+    return line + weights, f"basis = [{basis}]\n{weights}constraints = {bounds}\n"
+
+
+def test_bounds_that_exclude_one_another_are_found_beside_one_on_the_command(write_campaign, said):
+    """Which commands the trial leaves is not known beforehand, so that bound is left out."""
+    bounds = "{ feedforward = [1.0, 20.0], command = [-60.0, 60.0] }"
+    path = write_campaign(bounded('{ kind = "fir", preview = 2, lag = 2 }', bounds))
+    line = said("check", path)
+    assert "constraints: no parameters meet the lower bound 1 on feedforward at t = 0 s" in line
+
+
+def test_a_free_signal_may_have_bounds_without_zero(write_campaign, said):
+    allowed = write_campaign(bounded('{ kind = "free" }', "{ feedforward = [0.5, 30.0] }"))
+    assert execute(["check", str(allowed)]) == 0
+    crossed = "{ feedforward = [1.0, 20.0], feedforward_rate = [1e6, 2e6] }"
+    line = said("check", write_campaign(bounded('{ kind = "free" }', crossed)))
+    assert "runs[0] (derivatives): constraints: no signal meets the bounds together" in line
