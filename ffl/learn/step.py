@@ -19,6 +19,7 @@ from ffl.systems import Plant, StateSpace
 from ffl.systems.state_space import Array
 
 FED_BACK = 1e-3  # of the command's peak, u - f above which is no resolution of a measured command
+INJECTED = 0.01  # share of |f| that rounding in a file does not leave: something else was injected
 STILL = 3.0  # standard errors that a parameter may move in a step while learning has settled
 
 
@@ -140,9 +141,18 @@ def _still_moving(names: list[str], moved: Array, std_error: Array) -> list[str]
 
 def feedforward_for(basis: Basis, recording: Recording, theta: Array, previous: Array) -> Array:
     """The next f (N,) for this recording's reference: the basis with `theta`, and what its f held
-    beside the basis with `previous` (a known injection) once more."""
+    beside the basis (a known injection) once more.
+
+    Which parameters a recording that taught nothing ran with, nobody says: where the basis leaves
+    less than `INJECTED` of its f, those that leave the least; else `previous` or none at all.
+    """
     phi = _GoingOn(basis).regressors(recording.r)
-    return recording.f + phi @ (theta - previous)
+    q = orthonormal(phi).q
+    own = q @ (q.T @ recording.f)
+    if np.linalg.norm(recording.f - own) > INJECTED * np.linalg.norm(recording.f):
+        known = (phi @ previous, np.zeros(len(phi)))
+        own = min(known, key=lambda part: float(np.linalg.norm(recording.f - part)))
+    return recording.f - own + phi @ theta
 
 
 class _GoingOn(Basis):

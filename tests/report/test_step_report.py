@@ -13,7 +13,7 @@ from ffl.bases import make_basis
 from ffl.cli import execute
 from ffl.errors import InputError
 from ffl.learn import Constraints, Weights
-from ffl.learn.step import _GoingOn, learn_from_recording
+from ffl.learn.step import _GoingOn, feedforward_for, learn_from_recording
 from ffl.recordings import Recording, read_recording, write_recording
 from ffl.systems import Controller, Plant, Zpk, closed_loop, load_plant
 
@@ -101,6 +101,23 @@ def test_a_step_that_corrects_more_than_noise_says_that_its_standard_errors_do_n
     assert off[-1] < 10
     assert theta[0] == pytest.approx(mass, rel=1e-3)
     assert notes[-1] == ""
+
+
+def test_a_check_is_foretold_from_the_feedforward_that_it_ran_with():
+    """Recorded without feedforward, with that of the step before, with another's, and with pulses
+    beside: the next one has the basis with the new parameters, once, and the pulses."""
+    plant, basis, other = servo(90.0, 300.0), make_basis(BASIS, T), -0.5 * motion()
+    previous, theta = np.array([80.0, 200.0]), np.array([92.0, 290.0])
+    phi = _GoingOn(basis).regressors(other)
+    pulses = 20.0 * (np.arange(len(other)) % 1500 < 200)
+    for used in (0.0 * previous, previous, np.array([60.0, 500.0])):
+        check = recorded(plant, other, feedforward=phi @ used)
+        following = feedforward_for(basis, check, theta, previous)
+        np.testing.assert_allclose(following, phi @ theta, atol=1e-6 * np.abs(phi @ theta).max())
+    for used in (0.0 * previous, previous):
+        check = recorded(plant, other, feedforward=phi @ used + pulses)
+        following = feedforward_for(basis, check, theta, previous)
+        np.testing.assert_allclose(following, phi @ theta + pulses, rtol=1e-9, atol=1e-9)
 
 
 def test_a_known_injection_is_not_learned():
