@@ -40,13 +40,14 @@ def motion(n=6000):
     return 0.1 * (1 - np.cos(2 * np.pi * 0.5 * t)) * (1 - np.exp(-2 * t)) ** 4
 
 
-def recorded(plant, reference, first=0, feedforward=None, noise=0.0, seed=0):
+def recorded(plant, reference, first=0, feedforward=None, noise=0.0, seed=0, load=None):
     f = np.zeros(len(reference)) if feedforward is None else feedforward
     v = noise * np.random.default_rng(seed).standard_normal(len(reference))
     loop = closed_loop(plant.system, plant.controller).system
-    y, u = loop.filter(np.column_stack([reference, f, 0 * f, v])).T
+    w = 0 * f if load is None else load
+    y, u = loop.filter(np.column_stack([reference, f, w, v])).T
     t = np.arange(len(reference)) * T
-    whole = Recording(t, reference, f, u, y, sample_time=T)
+    whole = Recording(t, reference, f, u, y, load, sample_time=T)
     return whole[first : len(reference)]
 
 
@@ -130,6 +131,19 @@ def test_a_known_injection_is_not_learned():
     other = learn_from_recording(model, basis, pushed, Weights(1.0, 1e-20))
     np.testing.assert_allclose(other.theta, one.theta, rtol=1e-6)
     assert "known injection" in other.notes[0]
+
+
+def test_a_known_load_is_not_learned():
+    reference, basis, model = motion(), make_basis(BASIS, T), load_plant("emps")
+    load = 30.0 * np.sin(2 * np.pi * 0.7 * np.arange(len(reference)) * T)
+    plain = recorded(servo(95.1), reference)
+    one = learn_from_recording(model, basis, plain, Weights(1.0, 1e-20))
+    loaded = recorded(servo(95.1), reference, load=load)
+    other = learn_from_recording(model, basis, loaded, Weights(1.0, 1e-20))
+    np.testing.assert_allclose(other.theta, one.theta, rtol=1e-6)
+    broken = replace(loaded, d=np.where(np.arange(len(load)) == 7, np.nan, load))
+    with pytest.raises(InputError, match="column d, row 8 is not a number"):
+        learn_from_recording(model, basis, broken, Weights(1.0, 1e-20))
 
 
 def test_the_feedforward_of_a_cut_out_motion_has_no_spike():
