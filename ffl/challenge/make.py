@@ -18,7 +18,7 @@ from ffl.challenge.build import Build
 from ffl.challenge.case import make_case
 from ffl.challenge.compose import Plan, compose
 from ffl.challenge.draw import draw_noise, draw_setup, measure
-from ffl.challenge.seal import commit
+from ffl.challenge.seal import begin, commit
 from ffl.challenge.stage import run
 from ffl.errors import InputError, WorkError
 
@@ -63,9 +63,9 @@ def make(
 ) -> dict:
     """Make a challenge; a broken-off run goes on where it stopped.
 
-    Writes `out_dir/case_0001/` ..., `truth_dir/case_0001.json` ... and, last, the commitments
-    `out_dir/commitments.json`, whose content it returns. The salts come from the operating
-    system, so hashes differ from run to run though the cases of one seed do not.
+    Writes `truth_dir/challenge.seed`, `out_dir/case_0001/` ..., `truth_dir/case_0001.json` ... and,
+    last, the commitments `out_dir/commitments.json`, whose content it returns. The salts come from
+    the operating system, so hashes differ from run to run though the cases of one seed do not.
     """
     out, truths = Path(out_dir), Path(truth_dir)
     if out.resolve() == truths.resolve() or out.resolve() in truths.resolve().parents:
@@ -73,6 +73,7 @@ def make(
     if not 0 < fraction <= 1:
         raise InputError(f"fraction = {fraction} must lie above 0 and at most at 1")
     plans = compose(seed, fraction)
+    begin(truths, seed, fraction)
     digits = max(4, len(str(len(plans))))
     work = [(p, f"case_{k + 1:0{digits}d}", out, truths) for k, p in enumerate(plans)]
     if jobs > 1:
@@ -81,7 +82,7 @@ def make(
     else:
         kinds = [_one(job) for job in work]
     counts = {k: kinds.count(k) for k in sorted(set(kinds))}
-    return commit(out, truths, seed, {"fraction": fraction, "counts": counts})
+    return commit(out, truths, {"fraction": fraction, "counts": counts})
 
 
 @dataclass(frozen=True)
