@@ -17,6 +17,7 @@ from ffl.campaign.config import (
     load_step,
     run_parts,
 )
+from ffl.campaign.forms import StepForm
 from ffl.campaign.reference import find_map, find_recording
 from ffl.errors import InputError
 from ffl.systems import Plant, load_plant
@@ -61,17 +62,28 @@ def check_file(path: Path) -> str:
         return f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
     if kind == "step":
         try:
-            form = load_step(path)
-            if form.basis == "from_diagnosis":
-                return "step file is sound: its parameters follow from the model's effects"
-            basis, _, _ = run_parts(form, 1.0, folder=path.parent)
+            return _check_step(load_step(path), path.parent)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        return f"step file is sound: {basis.n_parameters} parameters"
     from ffl.recordings import load_mapping
 
     load_mapping(path)
     return "mapping is sound"
+
+
+def _check_step(form: StepForm, folder: Path) -> str:
+    """Which model it is for, only `ffl step` is told: what follows from its effects is left out, and
+    the sample time is that of the plants that the file names itself (any serves where there is none)."""
+    tables = [] if isinstance(form.basis, str) else form.basis
+    known = [t for t in tables if t.get("kind") != "from_diagnosis" or "plant" in t]
+    if not known:
+        return "step file is sound: its parameters follow from the model's effects"
+    named = [load_plant(t["plant"], folder) for t in known if isinstance(t.get("plant"), str)]
+    sample_time = named[0].sample_time if named else 1.0
+    form = form.model_copy(update={"basis": known})
+    count = run_parts(form, sample_time, folder=folder)[0].n_parameters
+    rest = " and those of the model's effects" if len(known) < len(tables) else ""
+    return f"step file is sound: {count} parameters{rest}"
 
 
 def inspect_file(path: Path, map: Path | None = None) -> Facts:

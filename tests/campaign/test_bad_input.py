@@ -123,3 +123,23 @@ def test_a_free_signal_may_have_bounds_without_zero(write_campaign, said):
     crossed = "{ feedforward = [1.0, 20.0], feedforward_rate = [1e6, 2e6] }"
     line = said("check", write_campaign(bounded('{ kind = "free" }', crossed)))
     assert "runs[0] (derivatives): constraints: no signal meets the bounds together" in line
+
+
+@pytest.mark.parametrize(
+    ("basis", "says"),
+    [
+        ('{ kind = "from_diagnosis", plant = "part.toml" }', "sound: 3 parameters\n"),
+        ('{ kind = "from_diagnosis" }', "sound: 2 parameters and those of the model's effects\n"),
+    ],
+)
+def test_a_step_file_is_checked_without_the_model_it_is_for(
+    basis, says, write_campaign, tmp_path, capfd
+):
+    write_campaign()
+    friction = '[[effects]]\nname = "coulomb_friction"\nparameters = { level = 1.0 }\n'
+    (tmp_path / "part.toml").write_text((tmp_path / "model.toml").read_text() + friction)
+    path = tmp_path / "step.toml"
+    derivatives = '{ kind = "derivatives", orders = ["velocity", "acceleration"] }'
+    path.write_text(f"basis = [{derivatives}, {basis}]\nweights = {{ error = 1.0 }}\n")
+    assert execute(["check", str(path)]) == 0
+    assert capfd.readouterr().out.endswith(says)
