@@ -186,7 +186,8 @@ def _check_feasible(campaign: Campaign, run: RunSpec) -> None:
     if all(np.all(low <= 0) and np.all(high >= 0) for low, high in limits):
         return
     linear = replace(run, constraints=fixed, update=run.update if free else "osqp")
-    report = campaign.task(linear).updater().update(np.zeros(count), campaign.reference).report
+    error = campaign.reference if free else np.zeros(n)  # a free signal takes its scale from it
+    report = campaign.task(linear).updater().update(np.zeros(count), error).report
     if report.status == "infeasible":
         raise InputError(f"constraints: {report.message}")
 
