@@ -114,6 +114,13 @@ PLANT_MISTAKES = {
         ("[machine]", '[[effects]]\nname = "coulomb_frition"\nparameters = { level = 1.0 }\n[machine]'),
         "did you mean 'coulomb_friction'",
     ),
+    "a spring that drives": (
+        (
+            "[machine]",
+            '[[effects]]\nname = "linear_stiffness"\nparameters = { stiffness = -1e7 }\n[machine]',
+        ),
+        "unstable",
+    ),
     "a wrong effect parameter": (
         ("[machine]", '[[effects]]\nname = "coulomb_friction"\nparameters = { levle = 1.0 }\n[machine]'),
         "level",

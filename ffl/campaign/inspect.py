@@ -20,6 +20,7 @@ from ffl.campaign.config import (
 from ffl.campaign.forms import StepForm
 from ffl.campaign.reference import find_map, find_recording
 from ffl.errors import InputError
+from ffl.machines import SimulatedMachine, linear_part
 from ffl.systems import Plant, load_plant
 from ffl.systems.plant_file import find_plant, read_toml
 
@@ -55,9 +56,13 @@ def check_file(path: Path) -> str:
         plant = load_plant(path)
         check_effects(plant)
         try:
-            plant.require_stable()
+            SimulatedMachine(plant)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+        try:
+            linear_part(plant).require_stable()
+        except InputError as error:
+            raise InputError(f"{path}: with its linear [[effects]], {error}") from None
         loop = "closed loop stable" if plant.controller is not None else "open loop"
         return f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
     if kind == "step":

@@ -143,3 +143,12 @@ def test_a_step_file_is_checked_without_the_model_it_is_for(
     path.write_text(f"basis = [{derivatives}, {basis}]\nweights = {{ error = 1.0 }}\n")
     assert execute(["check", str(path)]) == 0
     assert capfd.readouterr().out.endswith(says)
+
+
+def test_an_effect_that_a_plant_cannot_have_is_found_by_check(said, tmp_path):
+    path = tmp_path / "lag.toml"
+    path.write_text(
+        'name = "lag"\nsample_time = 0.001\n[plant]\nform = "zpk"\npoles = [0.4]\ngain = 0.6\n'
+        '[[effects]]\nname = "coulomb_friction"\nparameters = { level = 3.0 }\n'
+    )
+    assert "lag.toml: effect coulomb_friction: plant lag has no moving mass" in said("check", path)
