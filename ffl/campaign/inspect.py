@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from ffl.campaign.config import (
 )
 from ffl.campaign.forms import StepForm
 from ffl.campaign.reference import find_map, find_recording
+from ffl.campaign.store import read_results
 from ffl.errors import InputError
 from ffl.machines import SimulatedMachine, linear_part
 from ffl.systems import Plant, load_plant
@@ -108,10 +108,7 @@ def inspect_file(path: Path, map: Path | None = None) -> Facts:
 
 
 def _folder(path: Path) -> Facts:
-    try:
-        results = json.loads((path / "results.json").read_text())
-    except (OSError, ValueError):
-        raise InputError(f"{path}: no readable results.json; give the folder of a run") from None
+    results = read_results(path)
     facts: Facts = {"kind": "run folder", "campaign": results["campaign"], "seed": results["seed"]}
     for run in results["runs"]:
         norms = run["error_norm"]

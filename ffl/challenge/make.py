@@ -21,6 +21,7 @@ from ffl.challenge.draw import draw_noise, draw_setup, measure
 from ffl.challenge.seal import begin, commit
 from ffl.challenge.stage import run
 from ffl.errors import InputError, WorkError
+from ffl.systems.atomic import require_folder
 
 
 def _one(job: tuple[Plan, str, Path, Path]) -> str:
@@ -70,6 +71,12 @@ def make(
     out, truths = Path(out_dir), Path(truth_dir)
     if out.resolve() == truths.resolve() or out.resolve() in truths.resolve().parents:
         raise InputError(f"{truths}: the truth must not lie in the folder of the cases ({out})")
+    require_folder(out)
+    require_folder(truths, "--truth")
+    if seed < 0:
+        raise InputError(f"seed = {seed} must not be negative")
+    if jobs < 1:
+        raise InputError(f"jobs = {jobs} must be at least 1")
     if not 0 < fraction <= 1:
         raise InputError(f"fraction = {fraction} must lie above 0 and at most at 1")
     plans = compose(seed, fraction)

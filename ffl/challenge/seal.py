@@ -83,7 +83,9 @@ def open_truths(cases: Path, truths: Path) -> tuple[dict[str, dict], dict]:
     path = cases / FILE
     if not path.is_file():
         raise InputError(f"{path}: no commitments; make the challenge first")
-    document = json.loads(path.read_text())
+    document = _read(path)
+    if {"root", "cases", "seed_hash", "fraction"} - document.keys():
+        raise InputError(f"{path}: not the commitments of 'ffl challenge make'; give its folder")
     text = json.dumps(document["cases"], sort_keys=True)
     if hashlib.sha256(text.encode()).hexdigest() != document["root"]:
         raise InputError(f"{path}: the list of hashes does not have the published root hash")

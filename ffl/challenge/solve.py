@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ffl.errors import InputError
 from ffl.recordings import READERS
+from ffl.systems.atomic import require_folder
 
 # A note beside a case may be text; a recording among them is not.
 RECORDINGS = frozenset(READERS) - {".txt", ".dat", ".asc"}
@@ -141,6 +142,7 @@ def solve(
     if jobs < 1:
         raise InputError(f"jobs = {jobs} must be at least 1")
     cases, out = find_cases(cases_dir), Path(out_dir)
+    require_folder(out)
     todo = [c for c in cases if not (out / c.name / "solved.json").is_file()]
     run = solver or shipped_diagnosis()
     out.mkdir(parents=True, exist_ok=True)

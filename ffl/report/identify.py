@@ -18,7 +18,7 @@ from ffl.identify.linear.signals import as_signals
 from ffl.recordings import Recording, read_recording
 from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant, save_plant
-from ffl.systems.atomic import write_text
+from ffl.systems.atomic import require_folder, write_text
 from ffl.systems.plant_file import suggest
 from ffl.systems.toml_text import inline
 
@@ -315,8 +315,8 @@ def identify_with_report(
         raise InputError(f"identify '{method}': {suggest(method, list(METHODS))}")
     if min(n_ac, n_c) < 0:
         raise InputError(f"n_ac = {n_ac}, n_c = {n_c} must not be negative")
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder for --out")
+    if out is not None:
+        require_folder(out)
     mapping = find_map(str(map), Path()) if map is not None else None
     plant = load_plant(model) if model is not None else None
     recordings = tuple(

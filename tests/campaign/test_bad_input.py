@@ -152,3 +152,63 @@ def test_an_effect_that_a_plant_cannot_have_is_found_by_check(said, tmp_path):
         '[[effects]]\nname = "coulomb_friction"\nparameters = { level = 3.0 }\n'
     )
     assert "lag.toml: effect coulomb_friction: plant lag has no moving mass" in said("check", path)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[]", "not the results of 'ffl run'"),
+        ("{", "not valid JSON"),
+        ('{"schema": 1, "runs": []}', "campaign is missing or damaged"),
+        ("run without a status", "runs[0].status is missing or damaged; run the campaign again"),
+        ("run that is no table", "runs[0] is no table"),
+    ],
+)
+def test_damaged_results_are_said_by_every_verb_that_reads_them(
+    text, says, write_campaign, said, tmp_path
+):
+    assert execute(["run", str(write_campaign(trials=1)), "--quiet", "--out", "done"]) == 0
+    path = tmp_path / "done" / "results.json"
+    results = json.loads(path.read_text())
+    if text == "run without a status":
+        del results["runs"][0]["status"]
+        text = json.dumps(results)
+    elif text == "run that is no table":
+        text = json.dumps(results | {"runs": [3]})
+    path.write_text(text)
+    for verb in ("report", "inspect", "rerun"):
+        line = said(verb, "done")
+        assert "results.json: " in line
+        assert says in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["new", "plant", "abc", "--out", "file"], "file: is a file; give a folder for --out"),
+        (["init", "file/stage"], "file: is a file; give a folder"),
+        (["challenge", "make", "--out", "a", "--truth", "file", "--seed", "1"], "for --truth"),
+        (["challenge", "make", "--out", "file/a", "--truth", "b", "--seed", "1"], "for --out"),
+        (["challenge", "make", "--out", "a", "--truth", "b", "--seed", "-1"], "seed = -1"),
+        (
+            ["challenge", "make", "--out", "a", "--truth", "b", "--seed", "1", "--jobs", "-2"],
+            "jobs = -2 must be at least 1",
+        ),
+        (["challenge", "solve", "cases", "--out", "file"], "file: is a file"),
+        (["challenge", "score", "cases", "a", "--truth", "b", "--out", "s"], "not valid JSON"),
+        (["challenge", "score", "other", "a", "--truth", "b", "--out", "s"], "not the commitments"),
+    ],
+)
+def test_outputs_and_numbers_that_cannot_be(arguments, says, said, tmp_path):
+    (tmp_path / "file").write_text("taken")
+    for name, text in (("cases", "{"), ("other", '{"root": "a"}')):
+        (tmp_path / name / "case_0001").mkdir(parents=True)
+        (tmp_path / name / "commitments.json").write_text(text)
+        (tmp_path / name / "case_0001" / "plant.toml").write_text("")
+        (tmp_path / name / "case_0001" / "fit_1.csv").write_text("")
+    assert says in said(*arguments)
+
+
+def test_a_report_does_not_write_below_a_file(write_campaign, said, tmp_path):
+    assert execute(["run", str(write_campaign(trials=1)), "--quiet", "--out", "done"]) == 0
+    assert "is a file; give a folder" in said("report", "done", "--out", "model.toml/x.html")

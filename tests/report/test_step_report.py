@@ -213,6 +213,18 @@ def test_step_writes_the_next_feedforward_and_its_state(files, tmp_path, capfd):
     assert following["error_norm"] < 0.1 * answer["error_norm"]
 
 
+def test_what_is_documented_as_zero_has_no_relative_error(files, tmp_path, capfd):
+    path = tmp_path / "basis.toml"
+    path.write_text(path.read_text() + "velocity = 0.0\n")
+    assert execute([*files, "--out", "one", "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)["documented"]["velocity"]
+    assert told["documented"] == 0.0
+    assert told["learned"] == pytest.approx(300.0, rel=0.02)
+    assert "relative" not in told
+    assert execute([*files, "--out", "two"]) == 0
+    assert re.search(r"velocity: documented 0, learned 2\d\d\S* \(-\)", capfd.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "says"),
     [
