@@ -14,6 +14,7 @@ from ffl import __version__
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
 from ffl.errors import InputError
+from ffl.identify.inverse import pull_of_output_noise
 from ffl.identify.linear.signals import as_signals
 from ffl.recordings import Recording, read_recording
 from ffl.report.page import Page, drawing, subplots
@@ -55,6 +56,7 @@ def _one(task: Task, method: str) -> Recording:
     return task.recordings[0]
 
 
+PULLED = 2.0  # standard errors of a bias above which a 95 % band misses the truth
 BAND_OF = {
     "kernel": " The band is that of the posterior at the learned hyperparameters: it holds for the taps "
     "that the data see; how small the others are the kernel's decay says, which has an error of its own."
@@ -90,7 +92,8 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
         "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
         f"recording says little: the command had no power there.{BAND_OF.get(method, '')}",
     )
-    return Found(facts, page, _unsettled(fitted), basis=_filter(inverse.lags, inverse.theta))
+    notes = _unsettled(fitted) + _pulled(recording, inverse)
+    return Found(facts, page, notes, basis=_filter(inverse.lags, inverse.theta))
 
 
 def _unsettled(fitted: Any) -> tuple[str, ...]:
@@ -101,6 +104,18 @@ def _unsettled(fitted: Any) -> tuple[str, ...]:
     return (
         f"the search for the hyperparameters did not converge ({status}): the taps may be smoothed too "
         "much or too little; compare them with those of least_squares, or take fewer taps",
+    )
+
+
+def _pulled(recording: Recording, inverse: Any) -> tuple[str, ...]:
+    """What to say where noise of y, which the regression takes for clean, outweighs the stated errors;
+    `FED_BACK` says it of a closed loop."""
+    pull = pull_of_output_noise(inverse, len(recording))
+    if pull < PULLED or _fed_back(recording):
+        return ()
+    return (
+        "y is taken as free of noise: if the residual is noise of y, it biases the taps by up to "
+        f"{pull:.2g} of their stated standard errors; `identify bayes` takes the noise to be on y",
     )
 
 

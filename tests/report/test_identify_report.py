@@ -8,6 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 from ffl.cli import execute
+from ffl.identify import LeastSquaresInverse
+from ffl.identify.inverse import pull_of_output_noise
 from ffl.recordings import Recording, write_recording
 from ffl.report import identify as module
 
@@ -72,3 +74,32 @@ def test_an_order_below_one_is_bad_input(order, tmp_path, capfd):
     data = written(tmp_path / "a.csv")
     assert execute(["identify", "linear", "--data", data, "--order", order]) == 2
     assert f"order {order} is not 1 or more" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("method", ["least_squares", "kernel", "rational"])
+@pytest.mark.parametrize(("noise", "said"), [(0.05, True), (1e-5, False)])
+def test_noise_of_y_that_outweighs_the_stated_errors_is_said(method, noise, said, tmp_path, capfd):
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal(3000)
+    clean = lfilter(0.2 * np.poly([0.5, -0.3]), np.poly([0.9, 0.7, 0.2]), u)
+    y = clean + noise * clean.std() * rng.standard_normal(3000)
+    data = written(tmp_path / "a.csv", 3000, u=u, y=y)
+    command = ["identify", method, "--data", data, "--n-ac", "20", "--n-c", "20", "--json"]
+    assert execute(command) == 0
+    notes = json.loads(capfd.readouterr().out)["notes"]
+    assert any("y is taken as free of noise" in note for note in notes) == said
+
+
+def test_the_bias_that_noise_of_y_brings_is_foretold():
+    """12 noises of y: the mean error of the taps, in stated standard errors, is what is said of it."""
+    u = np.random.default_rng(1).standard_normal(1000)
+    clean = lfilter([0.0, 1.0], [1.0, -0.5], u)  # u(t) = y(t+1) - 0.5 y(t)
+    off, told = [], []
+    for seed in range(12):
+        y = clean + 0.2 * np.random.default_rng(seed + 10).standard_normal(1000)
+        found = LeastSquaresInverse(2, 2).fit(Recording.from_signals(1e-3, u=u, y=y)).inverse_
+        truth = np.array([0.0, 1.0, -0.5, 0.0, 0.0])
+        off.append((found.theta - truth) / found.standard_deviation)
+        told.append(pull_of_output_noise(found, 1000))
+    assert np.mean(told) > 5
+    assert np.mean(told) == pytest.approx(np.abs(np.mean(off, axis=0)).max(), rel=0.15)
