@@ -273,6 +273,11 @@ def test_run_report_export_inspect_rerun(write_campaign, tmp_path, capfd, monkey
         assert json.loads(capfd.readouterr().out)["kind"]
 
 
+def test_a_free_signal_counts_as_results_do(write_campaign, capfd):
+    assert execute(["inspect", str(write_campaign()), "--json"]) == 0
+    assert "FreeSignal, 500 parameters" in json.loads(capfd.readouterr().out)["run free"]
+
+
 def test_check_says_what_is_sound(write_campaign, capfd):
     path = write_campaign()
     assert execute(["check", str(path), "--json"]) == 0

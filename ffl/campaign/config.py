@@ -82,6 +82,11 @@ class Campaign:
             self.model, machine, run.basis, self.reference, run.weights, run.constraints, run.update
         )
 
+    def parameters(self, run: RunSpec) -> int:
+        """How many values a run learns; a free signal has one per sample."""
+        free = isinstance(run.basis, FreeSignal)
+        return len(self.reference) if free else run.basis.n_parameters
+
     def seed_of(self, run: RunSpec) -> SeedSequence:
         """Noise of a run: from the campaign's seed and the run's name, whatever runs beside it."""
         digest = hashlib.sha256(run.name.encode()).digest()
@@ -180,7 +185,7 @@ def _check_feasible(campaign: Campaign, run: RunSpec) -> None:
     command's depend on the trial, so the others are tried without them, and on the linear part."""
     fixed = replace(run.constraints, command=None)
     n, free = len(campaign.reference), isinstance(run.basis, FreeSignal)
-    count = n if free else run.basis.n_parameters
+    count = campaign.parameters(run)
     names = [name for name in Constraints.NAMES if getattr(fixed, name) is not None]
     limits = [fixed.limits(name, count if name == "parameters" else n) for name in names]
     if all(np.all(low <= 0) and np.all(high >= 0) for low, high in limits):

@@ -136,7 +136,7 @@ def _campaign(campaign: Campaign) -> Facts:
     }
     for run in campaign.runs:
         facts[f"run {run.name}"] = (
-            f"{type(run.basis).__name__}, {run.basis.n_parameters} parameters, update {run.update}"
+            f"{type(run.basis).__name__}, {campaign.parameters(run)} parameters, update {run.update}"
         )
     return facts
 
