@@ -235,13 +235,14 @@ def step_page(
     for note in step.notes:
         page.note(note)
     if told:
-        _foretold(page, told, unit_y)
+        _foretold(page, told, unit_y, bool(model.effects))
     _figures(page, step, recording, unit_y, unit_f)
     return page
 
 
-def _foretold(page: Page, told: Sequence[Foretold], unit: str) -> None:
-    page.section("Foretold by the model with its effects").table(
+def _foretold(page: Page, told: Sequence[Foretold], unit: str, effects: bool) -> None:
+    title = "Foretold by the model with its effects" if effects else "Foretold by the model"
+    page.section(title).table(
         ["recording", "measured", "model, as recorded", "model, with the next feedforward"],
         [[t.recording, *t.rms.values()] for t in told],
         f"RMS of r - y [{unit}]. Where the first two agree, the third is worth believing; recordings "

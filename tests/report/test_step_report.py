@@ -213,6 +213,13 @@ def test_step_writes_the_next_feedforward_and_its_state(files, tmp_path, capfd):
     assert following["error_norm"] < 0.1 * answer["error_norm"]
 
 
+def test_a_model_without_effects_foretells_without_them(files, tmp_path):
+    assert execute([*files, "--check", "trial.csv", "--out", "one"]) == 0
+    page = (tmp_path / "one" / "report.html").read_text()
+    assert "Foretold by the model" in page
+    assert "with its effects" not in page
+
+
 def test_what_is_documented_as_zero_has_no_relative_error(files, tmp_path, capfd):
     path = tmp_path / "basis.toml"
     path.write_text(path.read_text() + "velocity = 0.0\n")
