@@ -22,8 +22,8 @@ def identify(
         Path | None, typer.Option(help="Plant file whose controller closed the loop.")
     ] = None,
     basis: Annotated[Path | None, typer.Option(help="TOML with `basis`, for instrumental.")] = None,
-    n_ac: Annotated[int, typer.Option(help="Taps that look ahead.")] = 50,
-    n_c: Annotated[int, typer.Option(help="Taps that look back.")] = 50,
+    n_ac: Annotated[int, typer.Option(help="Taps that look ahead: lags from -N.")] = 50,
+    n_c: Annotated[int, typer.Option(help="Taps that look back: lags up to N.")] = 50,
     order: Annotated[
         list[int] | None, typer.Option(help="Order to try, may be repeated; for linear.")
     ] = None,

@@ -146,7 +146,8 @@ def _bayes(task: Task) -> Found:
     from ffl.identify.bayes import DirectBayesianInverse
 
     recording = _one(task, "bayes")
-    fitted = DirectBayesianInverse(task.n_ac, task.n_c).fit(recording)
+    # Its n_c counts the tap of lag 0, as the 2025 paper does; --n-c means the last lag, for all methods.
+    fitted = DirectBayesianInverse(task.n_ac, task.n_c + 1).fit(recording)
     found = fitted.result_
     rows = zip(fitted.taps_, fitted.theta_, fitted.standard_errors(), strict=True)
     facts = {
