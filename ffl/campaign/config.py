@@ -126,8 +126,9 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
             f"{path}: machine '{machine.name}' has sample_time = {machine.sample_time:g} s, model "
             f"'{model.name}' {model.sample_time:g} s; give both the same"
         )
-    check_effects(model)
-    check_effects(machine)
+    for key, plant in (("model", model), ("machine", machine)):
+        name = getattr(form, key) or form.model
+        _in_file(path, f"{key} = '{name}'", partial(check_effects, plant))
     references = {
         key: _in_file(path, "", partial(_reference, getattr(form, key), model, folder, key))
         for key in ("reference", "second_reference")
@@ -206,7 +207,7 @@ def check_effects(plant: Plant) -> None:
             try:
                 effect_of(spec).check(spec)
             except InputError as error:
-                raise InputError(f"{plant.name}: effects[{index}]: {error}") from None
+                raise InputError(f"effects[{index}]: {error}") from None
 
 
 def load_step(path: str | os.PathLike[str]) -> StepForm:

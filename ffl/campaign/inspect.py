@@ -54,8 +54,8 @@ def check_file(path: Path) -> str:
         )
     if kind == "plant":
         plant = load_plant(path)
-        check_effects(plant)
         try:
+            check_effects(plant)
             SimulatedMachine(plant)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
@@ -100,7 +100,11 @@ def inspect_file(path: Path, map: Path | None = None) -> Facts:
         if kind == "campaign":
             return _campaign(load_campaign(path))
         if kind == "plant":
-            return _plant(load_plant(path))
+            try:
+                return _plant(load_plant(path))
+            except InputError as error:
+                text = str(error)
+                raise InputError(text if str(path) in text else f"{path}: plant: {text}") from None
         return {"kind": kind, "says": check_file(path)}
     if path.suffix == "" and not path.exists():
         return _plant(load_plant(str(path)))

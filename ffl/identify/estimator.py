@@ -65,7 +65,12 @@ def force(recording: Any) -> Any:
             "too, or name its column in a mapping"
         )
     load = getattr(recording, "d", None)
-    return recording.u if load is None else recording.u + load
+    total = recording.u if load is None else recording.u + load
+    if np.ptp(total) == 0:
+        raise InputError(
+            "the command u is constant, so nothing can be identified; record one that moves"
+        )
+    return total
 
 
 def checked(values: ArrayLike, name: str) -> Array:

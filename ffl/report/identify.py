@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ffl import __version__
+from ffl.bases import FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
 from ffl.errors import InputError
@@ -57,6 +58,18 @@ def _one(task: Task, method: str) -> Recording:
 
 
 PULLED = 2.0  # standard errors of a bias above which a 95 % band misses the truth
+
+
+def _fitted(estimator: Any, recording: Recording) -> Any:
+    """The estimator, fitted; what it refuses is said with the recording's name."""
+    try:
+        return estimator.fit(recording)
+    except InputError as error:
+        text = str(error)
+        where = "" if text.startswith(recording.source) else f"{recording.source}: "
+        raise InputError(f"{where}{text}") from None
+
+
 BAND_OF = {
     "kernel": " The band is that of the posterior at the learned hyperparameters: it holds for the taps "
     "that the data see; how small the others are the kernel's decay says, which has an error of its own."
@@ -67,7 +80,7 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
     from ffl.report import kernel2018_figures as draw
 
     recording = _one(task, method)
-    fitted = estimator.fit(recording)
+    fitted = _fitted(estimator, recording)
     inverse = fitted.inverse_
     facts = {
         "taps": [
@@ -147,7 +160,7 @@ def _bayes(task: Task) -> Found:
 
     recording = _one(task, "bayes")
     # Its n_c counts the tap of lag 0, as the 2025 paper does; --n-c means the last lag, for all methods.
-    fitted = DirectBayesianInverse(task.n_ac, task.n_c + 1).fit(recording)
+    fitted = _fitted(DirectBayesianInverse(task.n_ac, task.n_c + 1), recording)
     found = fitted.result_
     rows = zip(fitted.taps_, fitted.theta_, fitted.standard_errors(), strict=True)
     facts = {
@@ -186,10 +199,17 @@ def _instrumental(task: Task) -> Found:
     if task.model is None or task.basis is None:
         raise InputError("identify instrumental: give --model (with its controller) and --basis")
     recording = _one(task, "instrumental")
-    basis, _, _ = run_parts(
-        load_step(task.basis), task.model.sample_time, task.model, task.basis.parent
-    )
-    fitted = InstrumentalInverse(basis, task.model).fit(recording)
+    try:
+        basis, _, _ = run_parts(
+            load_step(task.basis), task.model.sample_time, task.model, task.basis.parent
+        )
+        if isinstance(basis, FreeSignal):
+            raise InputError("basis kind 'free' has no parameters to identify; take another")
+    except InputError as error:
+        text = str(error)
+        where = "" if text.startswith(str(task.basis)) else f"{task.basis}: "
+        raise InputError(f"{where}{text}") from None
+    fitted = _fitted(InstrumentalInverse(basis, task.model), recording)
     errors = fitted.inverse_.standard_errors
     facts = {
         "parameters": [

@@ -65,9 +65,14 @@ def step_with_report(
     mapping = find_map(str(map), Path()) if map is not None else None
     recording = read_recording(find_recording(str(trial), Path()), mapping)
     number, previous = _read_state(state, basis.names) if state is not None else (0, None)
-    step = learn_from_recording(
-        model, basis, recording, weights, constraints, previous, form.update
-    )
+    try:
+        step = learn_from_recording(
+            model, basis, recording, weights, constraints, previous, form.update
+        )
+    except InputError as error:
+        text = str(error)
+        where = "" if text.startswith(recording.source) else f"{basis_path}: "
+        raise InputError(f"{where}{text}") from None
     _require_sound(model, recording)
     if step.report.status == "infeasible":
         raise InputError(f"{basis_path}: constraints: {step.report.message}")

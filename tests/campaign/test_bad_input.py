@@ -212,3 +212,51 @@ def test_outputs_and_numbers_that_cannot_be(arguments, says, said, tmp_path):
 def test_a_report_does_not_write_below_a_file(write_campaign, said, tmp_path):
     assert execute(["run", str(write_campaign(trials=1)), "--quiet", "--out", "done"]) == 0
     assert "is a file; give a folder" in said("report", "done", "--out", "model.toml/x.html")
+
+
+FRICTION = '[[effects]]\nname = "coulomb_fritcion"\nparameters = { level = 1.0 }\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("[machine]", f"{FRICTION}[machine]", "model.toml: effects[0]: unknown effect"),
+        (
+            "zeros = [-1.0]",
+            "zeros = [[1.0, 2.0, 3.0]]",
+            "plant.zeros[0]: List should have at most 2",
+        ),
+        (
+            'form = "zpk"\nzeros = [0.98]\npoles = [0.75]',
+            'form = "czpk"\nzeros = [-1.0, -2.0]\npoles = [-3.0]',
+            "controller: more zeros than poles: a plant or controller must be proper",
+        ),
+    ],
+)
+def test_a_plants_mistake_names_its_file_and_a_key_that_is_there(
+    old, new, says, write_campaign, said, tmp_path
+):
+    write_campaign()
+    path = tmp_path / "model.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    line = said("check", "model.toml")
+    assert "ffl: model.toml: " in line
+    assert says in line
+
+
+def test_a_campaign_says_which_plant_has_the_mistake_and_looks_once(write_campaign, said, tmp_path):
+    path = write_campaign()
+    machine = tmp_path / "machine.toml"
+    machine.write_text(machine.read_text() + FRICTION)
+    assert "small.toml: machine = 'machine.toml': effects[0]: unknown" in said("check", path)
+    machine.unlink()
+    assert said("check", "small.toml").rstrip().endswith("(looked in machine.toml)")
+
+
+def test_a_plant_that_its_input_does_not_reach_is_named(said, tmp_path):
+    (tmp_path / "dead.toml").write_text(
+        'name = "dead"\nsample_time = 0.001\n[plant]\nform = "ss"\nA = [[0.9]]\nB = [0.0]\nC = [1.0]\n'
+    )
+    assert "dead.toml: plant: gain = 0.0 must be" in said("inspect", "dead.toml")

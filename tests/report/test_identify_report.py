@@ -104,3 +104,21 @@ def test_the_bias_that_noise_of_y_brings_is_foretold():
         told.append(pull_of_output_noise(found, 1000))
     assert np.mean(told) > 5
     assert np.mean(told) == pytest.approx(np.abs(np.mean(off, axis=0)).max(), rel=0.15)
+
+
+@pytest.mark.parametrize("method", ["linear", "least_squares", "kernel", "rational", "bayes"])
+@pytest.mark.parametrize("still", ["u", "y"])
+def test_a_constant_signal_is_refused_by_every_method(method, still, tmp_path, capfd):
+    data = written(tmp_path / "still.csv", **{still: np.full(400, 0.5)})
+    assert execute(["identify", method, "--data", data]) == 2
+    error = capfd.readouterr().err
+    assert "still.csv: " in error
+    assert "constant" in error
+
+
+def test_a_free_signal_is_no_basis_to_identify(tmp_path, capfd):
+    basis, data = tmp_path / "free.toml", written(tmp_path / "a.csv")
+    basis.write_text('basis = [{ kind = "free" }]\nweights = { error = 1.0 }\n')
+    command = ["identify", "instrumental", "--data", data, "--model", "emps", "--basis", str(basis)]
+    assert execute(command) == 2
+    assert "free.toml: basis kind 'free' has no parameters" in capfd.readouterr().err

@@ -238,6 +238,12 @@ def test_what_is_documented_as_zero_has_no_relative_error(files, tmp_path, capfd
         ("basis.toml", "acceleration =", "mass =", "documented.mass: not a parameter"),
         ("basis.toml", "weights", "wieghts", "unknown key 'wieghts'"),
         ("basis.toml", "error = 1.0", "error = 0.0", "weights.error = 0 must be positive"),
+        (
+            "basis.toml",
+            "error = 1.0",
+            "error = [1.0, 2.0]",
+            "basis.toml: weights.error has 2 values",
+        ),
         ("basis.toml", 'kind = "derivatives"', 'kind = "derivates"', "did you mean 'derivatives'"),
         ("trial.csv", "0.001,", "nan,", "column t"),
         ("trial.csv", "t,r,", "t,x,", "reference r is missing"),
