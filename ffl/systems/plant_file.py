@@ -7,7 +7,7 @@ import os
 import sys
 import tomllib
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -134,8 +134,8 @@ def _roots(values: list[Root], where: str) -> np.ndarray:
     return np.array(roots, complex)
 
 
-def suggest(name: str, known: list[str]) -> str:
-    """'; did you mean X?' where a known name is near, else the list of known names."""
+def suggest(name: str, known: Sequence[str]) -> str:
+    """'did you mean X?' where a known name is near, else the list of known names."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
