@@ -21,7 +21,7 @@ from ffl.challenge.draw import draw_noise, draw_setup, measure
 from ffl.challenge.seal import begin, commit
 from ffl.challenge.stage import run
 from ffl.errors import InputError, WorkError
-from ffl.systems.atomic import require_folder
+from ffl.systems.atomic import require_folder, write_text
 
 
 def _one(job: tuple[Plan, str, Path, Path]) -> str:
@@ -49,8 +49,7 @@ def _one(job: tuple[Plan, str, Path, Path]) -> str:
             failure = error
             continue
         truth["salt"] = secrets.token_hex(32)
-        truths.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(truth, indent=1, sort_keys=True) + "\n")
+        write_text(path, json.dumps(truth, indent=1, sort_keys=True) + "\n")
         return plan.kind
     raise WorkError(f"{name} ({plan.kind}, {plan.effects}): {failure}")
 
@@ -107,8 +106,7 @@ class NullCase:
     def save(self, folder: Path | str) -> None:
         """Write the case as `make` would: plant.toml, fit_*.csv, validate_*.csv."""
         home = Path(folder)
-        home.mkdir(parents=True, exist_ok=True)
-        (home / "plant.toml").write_text(self.plant)
+        write_text(home / "plant.toml", self.plant)
         for label, recordings in (("fit", self.fit), ("validate", self.validate)):
             for k, rows in enumerate(recordings):
                 write.table(home / f"{label}_{k + 1}.csv", rows)
