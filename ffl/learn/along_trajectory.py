@@ -101,10 +101,9 @@ class AlongTrajectory:
         reference: ArrayLike,
         weights: Weights,
         constraints: Constraints | None = None,
-        path: str = "auto",
     ) -> None:
         self.reference = np.asarray(reference, float)
-        self._problem = NormOptimal(model, basis, self.reference, weights, constraints, path)
+        self._problem = NormOptimal(model, basis, self.reference, weights, constraints)
         self.regressors, self.weights = self._problem.regressors, weights
         self._q = orthonormal(self.regressors).q
         self._model, self._simulator = model, Simulator(model)
