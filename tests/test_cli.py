@@ -114,6 +114,13 @@ PLANT_MISTAKES = {
         ("[machine]", '[[effects]]\nname = "coulomb_frition"\nparameters = { level = 1.0 }\n[machine]'),
         "did you mean 'coulomb_friction'",
     ),
+    "a spring that drives": (
+        (
+            "[machine]",
+            '[[effects]]\nname = "linear_stiffness"\nparameters = { stiffness = -1e7 }\n[machine]',
+        ),
+        "unstable",
+    ),
     "a wrong effect parameter": (
         ("[machine]", '[[effects]]\nname = "coulomb_friction"\nparameters = { levle = 1.0 }\n[machine]'),
         "level",
@@ -264,6 +271,11 @@ def test_run_report_export_inspect_rerun(write_campaign, tmp_path, capfd, monkey
             continue
         assert code == 0
         assert json.loads(capfd.readouterr().out)["kind"]
+
+
+def test_a_free_signal_counts_as_results_do(write_campaign, capfd):
+    assert execute(["inspect", str(write_campaign()), "--json"]) == 0
+    assert "FreeSignal, 500 parameters" in json.loads(capfd.readouterr().out)["run free"]
 
 
 def test_check_says_what_is_sound(write_campaign, capfd):

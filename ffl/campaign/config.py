@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,6 +82,11 @@ class Campaign:
             self.model, machine, run.basis, self.reference, run.weights, run.constraints, run.update
         )
 
+    def parameters(self, run: RunSpec) -> int:
+        """How many values a run learns; a free signal has one per sample."""
+        free = isinstance(run.basis, FreeSignal)
+        return len(self.reference) if free else run.basis.n_parameters
+
     def seed_of(self, run: RunSpec) -> SeedSequence:
         """Noise of a run: from the campaign's seed and the run's name, whatever runs beside it."""
         digest = hashlib.sha256(run.name.encode()).digest()
@@ -121,8 +126,9 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
             f"{path}: machine '{machine.name}' has sample_time = {machine.sample_time:g} s, model "
             f"'{model.name}' {model.sample_time:g} s; give both the same"
         )
-    check_effects(model)
-    check_effects(machine)
+    for key, plant in (("model", model), ("machine", machine)):
+        name = getattr(form, key) or form.model
+        _in_file(path, f"{key} = '{name}'", partial(check_effects, plant))
     references = {
         key: _in_file(path, "", partial(_reference, getattr(form, key), model, folder, key))
         for key in ("reference", "second_reference")
@@ -166,8 +172,8 @@ def check_campaign(campaign: Campaign) -> None:
     """What a run would refuse, found without running: regressors, weights' lengths, bounds."""
     for index, run in enumerate(campaign.runs):
         try:
-            updater = campaign.task(run).updater()
-            _check_feasible(campaign, run, updater)
+            campaign.task(run).updater()
+            _check_feasible(campaign, run)
             if campaign.second_reference is not None and not isinstance(run.basis, FreeSignal):
                 run.basis.regressors(campaign.second_reference)
         except (InputError, OverflowError, MemoryError) as error:
@@ -175,19 +181,20 @@ def check_campaign(campaign: Campaign) -> None:
             raise InputError(f"{where}runs[{index}] ({run.name}): {error}") from None
 
 
-def _check_feasible(campaign: Campaign, run: RunSpec, updater: Any) -> None:
-    """Bounds that exclude one another whatever the trial brings are bad input, not an outcome."""
-    n = len(campaign.reference)
-    names = [k for k in Constraints.NAMES if getattr(run.constraints, k) is not None]
-    fixed = [name for name in names if name != "command"]
-    entries = {name: run.basis.n_parameters if name == "parameters" else n for name in names}
-    limits = [run.constraints.limits(name, entries[name]) for name in names]
-    if all(np.all(low <= 0) and np.all(high >= 0) for low, high in limits) or not fixed:
+def _check_feasible(campaign: Campaign, run: RunSpec) -> None:
+    """Bounds that exclude one another whatever the trial brings are bad input, not an outcome; the
+    command's depend on the trial, so the others are tried without them, and on the linear part."""
+    fixed = replace(run.constraints, command=None)
+    n, free = len(campaign.reference), isinstance(run.basis, FreeSignal)
+    count = campaign.parameters(run)
+    names = [name for name in Constraints.NAMES if getattr(fixed, name) is not None]
+    limits = [fixed.limits(name, count if name == "parameters" else n) for name in names]
+    if all(np.all(low <= 0) and np.all(high >= 0) for low, high in limits):
         return
-    report = updater.update(
-        np.zeros(run.basis.n_parameters), np.zeros(n), np.zeros(n) if "command" in names else None
-    ).report
-    if report.status == "infeasible" and "command" not in names:
+    linear = replace(run, constraints=fixed, update=run.update if free else "osqp")
+    error = campaign.reference if free else np.zeros(n)  # a free signal takes its scale from it
+    report = campaign.task(linear).updater().update(np.zeros(count), error).report
+    if report.status == "infeasible":
         raise InputError(f"constraints: {report.message}")
 
 
@@ -200,7 +207,7 @@ def check_effects(plant: Plant) -> None:
             try:
                 effect_of(spec).check(spec)
             except InputError as error:
-                raise InputError(f"{plant.name}: effects[{index}]: {error}") from None
+                raise InputError(f"effects[{index}]: {error}") from None
 
 
 def load_step(path: str | os.PathLike[str]) -> StepForm:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,11 @@ from ffl.campaign.config import (
     load_step,
     run_parts,
 )
+from ffl.campaign.forms import StepForm
 from ffl.campaign.reference import find_map, find_recording
+from ffl.campaign.store import read_results
 from ffl.errors import InputError
+from ffl.machines import SimulatedMachine, linear_part
 from ffl.systems import Plant, load_plant
 from ffl.systems.plant_file import find_plant, read_toml
 
@@ -52,26 +54,41 @@ def check_file(path: Path) -> str:
         )
     if kind == "plant":
         plant = load_plant(path)
-        check_effects(plant)
         try:
-            plant.require_stable()
+            check_effects(plant)
+            SimulatedMachine(plant)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+        try:
+            linear_part(plant).require_stable()
+        except InputError as error:
+            raise InputError(f"{path}: with its linear [[effects]], {error}") from None
         loop = "closed loop stable" if plant.controller is not None else "open loop"
         return f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
     if kind == "step":
         try:
-            form = load_step(path)
-            if form.basis == "from_diagnosis":
-                return "step file is sound: its parameters follow from the model's effects"
-            basis, _, _ = run_parts(form, 1.0, folder=path.parent)
+            return _check_step(load_step(path), path.parent)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        return f"step file is sound: {basis.n_parameters} parameters"
     from ffl.recordings import load_mapping
 
     load_mapping(path)
     return "mapping is sound"
+
+
+def _check_step(form: StepForm, folder: Path) -> str:
+    """Which model it is for, only `ffl step` is told: what follows from its effects is left out, and
+    the sample time is that of the plants that the file names itself (any serves where there is none)."""
+    tables = [] if isinstance(form.basis, str) else form.basis
+    known = [t for t in tables if t.get("kind") != "from_diagnosis" or "plant" in t]
+    if not known:
+        return "step file is sound: its parameters follow from the model's effects"
+    named = [load_plant(t["plant"], folder) for t in known if isinstance(t.get("plant"), str)]
+    sample_time = named[0].sample_time if named else 1.0
+    form = form.model_copy(update={"basis": known})
+    count = run_parts(form, sample_time, folder=folder)[0].n_parameters
+    rest = " and those of the model's effects" if len(known) < len(tables) else ""
+    return f"step file is sound: {count} parameters{rest}"
 
 
 def inspect_file(path: Path, map: Path | None = None) -> Facts:
@@ -83,7 +100,11 @@ def inspect_file(path: Path, map: Path | None = None) -> Facts:
         if kind == "campaign":
             return _campaign(load_campaign(path))
         if kind == "plant":
-            return _plant(load_plant(path))
+            try:
+                return _plant(load_plant(path))
+            except InputError as error:
+                text = str(error)
+                raise InputError(text if str(path) in text else f"{path}: plant: {text}") from None
         return {"kind": kind, "says": check_file(path)}
     if path.suffix == "" and not path.exists():
         return _plant(load_plant(str(path)))
@@ -91,10 +112,7 @@ def inspect_file(path: Path, map: Path | None = None) -> Facts:
 
 
 def _folder(path: Path) -> Facts:
-    try:
-        results = json.loads((path / "results.json").read_text())
-    except (OSError, ValueError):
-        raise InputError(f"{path}: no readable results.json; give the folder of a run") from None
+    results = read_results(path)
     facts: Facts = {"kind": "run folder", "campaign": results["campaign"], "seed": results["seed"]}
     for run in results["runs"]:
         norms = run["error_norm"]
@@ -122,7 +140,7 @@ def _campaign(campaign: Campaign) -> Facts:
     }
     for run in campaign.runs:
         facts[f"run {run.name}"] = (
-            f"{type(run.basis).__name__}, {run.basis.n_parameters} parameters, update {run.update}"
+            f"{type(run.basis).__name__}, {campaign.parameters(run)} parameters, update {run.update}"
         )
     return facts
 

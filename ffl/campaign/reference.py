@@ -73,6 +73,12 @@ def _multisine(form: MultisineForm, sample_time: float) -> Array:
             f"reference.band = {form.band} Hz: give [low, high] with low < high <= "
             f"{0.5 / sample_time:g} Hz"
         )
+    moving = form.duration - 2 * form.rest
+    if moving > 0 and form.taper > 0.5 * moving:
+        raise InputError(
+            f"reference.taper = {form.taper:g} s is more than half of the {moving:g} s between the "
+            "rests; shorten it"
+        )
     rng = np.random.default_rng(form.seed)
     return multisine((low, high), form.rms, form.duration, sample_time, rng, form.rest, form.taper)
 

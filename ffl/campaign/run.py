@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ffl.bases import Basis, FreeSignal
 from ffl.campaign.config import Campaign, check_campaign
 from ffl.campaign.signals import (
     add_second,
@@ -90,7 +89,7 @@ def collect(campaign: Campaign, store: Store, stopped: dict[str, Stopped]) -> di
     runs = []
     for run in campaign.runs:
         path = store.signals(run.name)
-        entry: dict[str, Any] = {"name": run.name, "parameters": _count(campaign, run.basis)}
+        entry: dict[str, Any] = {"name": run.name, "parameters": campaign.parameters(run)}
         norms = read_dataset(path, "error_norm").tolist() if path.exists() else []
         halted = stopped.get(run.name)
         complete = len(norms) >= campaign.trials
@@ -123,10 +122,6 @@ def collect(campaign: Campaign, store: Store, stopped: dict[str, Stopped]) -> di
         "machine": campaign.machine.name,
         "versions": versions(),
     }
-
-
-def _count(campaign: Campaign, basis: Basis) -> int:
-    return len(campaign.reference) if isinstance(basis, FreeSignal) else basis.n_parameters
 
 
 def _report(report: UpdateReport) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ffl.errors import InputError
-from ffl.systems.atomic import write_text
+from ffl.systems.atomic import require_folder, write_text
 
 PACKAGES = ("ffl", "numpy", "scipy", "numba", "cvxpy", "osqp", "h5py")
 
@@ -25,6 +25,36 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+RESULTS = {"campaign": str, "seed": int, "versions": dict, "runs": list}
+RUN = {"name": str, "status": str, "parameters": int, "error_norm": list, "feedforward_norm": list}
+RUN |= {"cost": list, "update": list}
+
+
+def read_results(folder: Path) -> dict[str, Any]:
+    """results.json of a run's folder, with every key that `ffl run` writes."""
+    path = folder / "results.json"
+    try:
+        results = json.loads(path.read_text())
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{folder}: no results.json; give the folder of a run") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from None
+    if not isinstance(results, dict) or results.get("schema") != 1:
+        raise InputError(f"{path}: not the results of 'ffl run' (schema 1)")
+    _require(results, RESULTS, f"{path}: ")
+    for index, run in enumerate(results["runs"]):
+        if not isinstance(run, dict):
+            raise InputError(f"{path}: runs[{index}] is no table; run the campaign again")
+        _require(run, RUN, f"{path}: runs[{index}].")
+    return results
+
+
+def _require(table: Mapping[str, Any], kinds: Mapping[str, type], where: str) -> None:
+    for key, kind in kinds.items():
+        if not isinstance(table.get(key), kind):
+            raise InputError(f"{where}{key} is missing or damaged; run the campaign again")
 
 
 class Store:
@@ -41,8 +71,7 @@ class Store:
 
         `files` are the resolved campaign's; a folder made from another campaign is refused.
         """
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder}: is a file; give a folder for --out")
+        require_folder(folder)
         present = [p for p in folder.iterdir() if not _is_rest(p)] if folder.is_dir() else []
         if present and not resume:
             raise InputError(

@@ -21,6 +21,7 @@ from ffl.challenge.outside import OUTSIDE
 from ffl.challenge.physics import EFFECTS
 from ffl.challenge.stage import Part, assemble, run, whole_run
 from ffl.errors import InputError, WorkError
+from ffl.systems.atomic import write_text
 
 CONCEALMENTS = ("none", "feedback", "noise", "masked", "outside", "weak")
 DETECTABLE = 300.0  # least energy beyond the nominal parameters of an effect to be found
@@ -264,14 +265,12 @@ def make_case(
         truth["fault"] = spoil(fault, recordings, setup, rng)
         truth["verdicts"] = ["inconclusive", "refused"]
     folder = Path(out_dir) / name
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "plant.toml").write_text(write.plant_text(setup, noise, truth["fault"]))
+    write_text(folder / "plant.toml", write.plant_text(setup, noise, truth["fault"]))
     for file, (e, y, u) in recordings.items():
         write.recording(folder / file, e, y, u, setup.sample_time, truth["fault"], file)
     if truth_dir is not None:
-        Path(truth_dir).mkdir(parents=True, exist_ok=True)
         text = json.dumps(truth, indent=1, sort_keys=True)
-        (Path(truth_dir) / f"{name}.json").write_text(text + "\n")
+        write_text(Path(truth_dir) / f"{name}.json", text + "\n")
     return truth
 
 

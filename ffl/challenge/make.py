@@ -18,9 +18,10 @@ from ffl.challenge.build import Build
 from ffl.challenge.case import make_case
 from ffl.challenge.compose import Plan, compose
 from ffl.challenge.draw import draw_noise, draw_setup, measure
-from ffl.challenge.seal import commit
+from ffl.challenge.seal import begin, commit
 from ffl.challenge.stage import run
 from ffl.errors import InputError, WorkError
+from ffl.systems.atomic import require_folder, write_text
 
 
 def _one(job: tuple[Plan, str, Path, Path]) -> str:
@@ -48,8 +49,7 @@ def _one(job: tuple[Plan, str, Path, Path]) -> str:
             failure = error
             continue
         truth["salt"] = secrets.token_hex(32)
-        truths.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(truth, indent=1, sort_keys=True) + "\n")
+        write_text(path, json.dumps(truth, indent=1, sort_keys=True) + "\n")
         return plan.kind
     raise WorkError(f"{name} ({plan.kind}, {plan.effects}): {failure}")
 
@@ -63,16 +63,23 @@ def make(
 ) -> dict:
     """Make a challenge; a broken-off run goes on where it stopped.
 
-    Writes `out_dir/case_0001/` ..., `truth_dir/case_0001.json` ... and, last, the commitments
-    `out_dir/commitments.json`, whose content it returns. The salts come from the operating
-    system, so hashes differ from run to run though the cases of one seed do not.
+    Writes `truth_dir/challenge.seed`, `out_dir/case_0001/` ..., `truth_dir/case_0001.json` ... and,
+    last, the commitments `out_dir/commitments.json`, whose content it returns. The salts come from
+    the operating system, so hashes differ from run to run though the cases of one seed do not.
     """
     out, truths = Path(out_dir), Path(truth_dir)
     if out.resolve() == truths.resolve() or out.resolve() in truths.resolve().parents:
         raise InputError(f"{truths}: the truth must not lie in the folder of the cases ({out})")
+    require_folder(out)
+    require_folder(truths, "--truth")
+    if seed < 0:
+        raise InputError(f"seed = {seed} must not be negative")
+    if jobs < 1:
+        raise InputError(f"jobs = {jobs} must be at least 1")
     if not 0 < fraction <= 1:
         raise InputError(f"fraction = {fraction} must lie above 0 and at most at 1")
     plans = compose(seed, fraction)
+    begin(truths, seed, fraction)
     digits = max(4, len(str(len(plans))))
     work = [(p, f"case_{k + 1:0{digits}d}", out, truths) for k, p in enumerate(plans)]
     if jobs > 1:
@@ -81,7 +88,7 @@ def make(
     else:
         kinds = [_one(job) for job in work]
     counts = {k: kinds.count(k) for k in sorted(set(kinds))}
-    return commit(out, truths, seed, {"fraction": fraction, "counts": counts})
+    return commit(out, truths, {"fraction": fraction, "counts": counts})
 
 
 @dataclass(frozen=True)
@@ -99,8 +106,7 @@ class NullCase:
     def save(self, folder: Path | str) -> None:
         """Write the case as `make` would: plant.toml, fit_*.csv, validate_*.csv."""
         home = Path(folder)
-        home.mkdir(parents=True, exist_ok=True)
-        (home / "plant.toml").write_text(self.plant)
+        write_text(home / "plant.toml", self.plant)
         for label, recordings in (("fit", self.fit), ("validate", self.validate)):
             for k, rows in enumerate(recordings):
                 write.table(home / f"{label}_{k + 1}.csv", rows)

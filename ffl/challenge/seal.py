@@ -8,12 +8,23 @@ import secrets
 from pathlib import Path
 
 from ffl.errors import InputError
+from ffl.systems.atomic import write_text
 
 FILE = "commitments.json"
 
 
 def _hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _read(path: Path) -> dict:
+    try:
+        found = json.loads(path.read_text())
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: not valid JSON; give the file as 'ffl challenge make' wrote it")
+    return found
 
 
 def _folder_hash(folder: Path) -> str:
@@ -26,23 +37,41 @@ def _folder_hash(folder: Path) -> str:
 SEED = "challenge.seed"
 
 
-def commit(cases: Path, truths: Path, seed: int, about: dict) -> dict:
+def begin(truths: Path, seed: int, fraction: float) -> None:
+    """Seal what all cases follow from in `truths/challenge.seed`, beside a salt, before the first one.
+
+    Raises InputError where `truths` was begun with another seed or fraction: its cases would be
+    published under a seed that is not theirs.
+    """
+    sealed, plan = truths / SEED, {"seed": seed, "fraction": fraction}
+    if sealed.is_file():
+        begun = _read(sealed)
+        if {key: begun.get(key) for key in plan} != plan:
+            raise InputError(
+                f"{sealed}: this challenge was begun with another seed or fraction; give those, or "
+                "empty folders"
+            )
+        return
+    if any(truths.glob("*.json")):
+        raise InputError(f"{truths}: holds truths but no {SEED}; give an empty folder")
+    write_text(sealed, json.dumps({**plan, "salt": secrets.token_hex(32)}) + "\n")
+
+
+def commit(cases: Path, truths: Path, about: dict) -> dict:
     """Write `cases/commitments.json`. Truth files carry a random salt, so a hash tells nothing.
 
-    `root` is one hash over all of them: the number to publish. The seed is committed to as well,
-    beside a salt in `truths/challenge.seed`.
+    `root` is one hash over all of them: the number to publish. The seed is committed to as well, by
+    the hash of what `begin` sealed.
     """
     entries = {}
-    sealed = truths / SEED
-    sealed.write_text(json.dumps({"seed": seed, "salt": secrets.token_hex(32)}) + "\n")
     for path in sorted(truths.glob("*.json")):
         name = path.stem
         entries[name] = {"truth": _hash(path), "case": _folder_hash(cases / name)}
     text = json.dumps(entries, sort_keys=True)
     root = hashlib.sha256(text.encode()).hexdigest()
-    about = {**about, "seed_hash": _hash(sealed)}
+    about = {**about, "seed_hash": _hash(truths / SEED)}
     document = {"schema": 1, "root": root, **about, "cases": entries}
-    (cases / FILE).write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
+    write_text(cases / FILE, json.dumps(document, indent=1, sort_keys=True) + "\n")
     return document
 
 
@@ -54,7 +83,9 @@ def open_truths(cases: Path, truths: Path) -> tuple[dict[str, dict], dict]:
     path = cases / FILE
     if not path.is_file():
         raise InputError(f"{path}: no commitments; make the challenge first")
-    document = json.loads(path.read_text())
+    document = _read(path)
+    if {"root", "cases", "seed_hash", "fraction"} - document.keys():
+        raise InputError(f"{path}: not the commitments of 'ffl challenge make'; give its folder")
     text = json.dumps(document["cases"], sort_keys=True)
     if hashlib.sha256(text.encode()).hexdigest() != document["root"]:
         raise InputError(f"{path}: the list of hashes does not have the published root hash")

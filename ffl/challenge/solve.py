@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ffl.errors import InputError
 from ffl.recordings import READERS
+from ffl.systems.atomic import require_folder, write_text
 
 # A note beside a case may be text; a recording among them is not.
 RECORDINGS = frozenset(READERS) - {".txt", ".dat", ".asc"}
@@ -119,10 +120,8 @@ def _solve_one(case: CaseFiles, out: Path, solver: Solver) -> None:
         }
     record = {"seconds": time.perf_counter() - begin, "answer": answer}
     if not (folder / "answer.json").is_file():
-        (folder / "answer.json").write_text(json.dumps(answer, indent=1, sort_keys=True) + "\n")
-    part = folder / "solved.json.part"
-    part.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
-    part.replace(folder / "solved.json")
+        write_text(folder / "answer.json", json.dumps(answer, indent=1, sort_keys=True) + "\n")
+    write_text(folder / "solved.json", json.dumps(record, indent=1, sort_keys=True) + "\n")
 
 
 def solve(
@@ -141,6 +140,7 @@ def solve(
     if jobs < 1:
         raise InputError(f"jobs = {jobs} must be at least 1")
     cases, out = find_cases(cases_dir), Path(out_dir)
+    require_folder(out)
     todo = [c for c in cases if not (out / c.name / "solved.json").is_file()]
     run = solver or shipped_diagnosis()
     out.mkdir(parents=True, exist_ok=True)

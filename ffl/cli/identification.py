@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from ffl.cli.app import Json, Map, Out, Quiet, app, print_json
-from ffl.errors import InputError
 
 
 @app.command()
@@ -23,8 +22,8 @@ def identify(
         Path | None, typer.Option(help="Plant file whose controller closed the loop.")
     ] = None,
     basis: Annotated[Path | None, typer.Option(help="TOML with `basis`, for instrumental.")] = None,
-    n_ac: Annotated[int, typer.Option(help="Taps that look ahead.")] = 50,
-    n_c: Annotated[int, typer.Option(help="Taps that look back.")] = 50,
+    n_ac: Annotated[int, typer.Option(help="Taps that look ahead: lags from -N.")] = 50,
+    n_c: Annotated[int, typer.Option(help="Taps that look back: lags up to N.")] = 50,
     order: Annotated[
         list[int] | None, typer.Option(help="Order to try, may be repeated; for linear.")
     ] = None,
@@ -69,9 +68,10 @@ def diagnose(
     """Locate, name, model and prove what the model leaves out of the recordings."""
     from ffl.campaign.reference import find_recording
     from ffl.report.diagnosis import diagnose_with_report, print_answer
+    from ffl.systems.atomic import require_folder
 
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder for --out")
+    if out is not None:
+        require_folder(out)
     here = Path()
     found = [find_recording(str(path), here) for path in recordings]
     judging = [find_recording(str(path), here) for path in validate or ()]

@@ -103,7 +103,7 @@ def step(
     json: Json = False,
 ) -> None:
     """One learning step on a real machine's recording: next feedforward and new state."""
-    from ffl.report.step import step_with_report
+    from ffl.report.step import relative, step_with_report
     from ffl.report.terminal import print_table, working
 
     with working("step"):
@@ -116,9 +116,9 @@ def step(
     for note in answer["notes"]:
         print(f"note: {note}")
     for name, entry in answer.get("documented", {}).items():
-        off = 100 * entry["relative"]
         print(
-            f"{name}: documented {entry['documented']:g}, learned {entry['learned']:.4g} ({off:+.1f} %)"
+            f"{name}: documented {entry['documented']:g}, learned {entry['learned']:.4g} "
+            f"({relative(entry)})"
         )
     for entry in answer.get("foretold", ()):
         print(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ffl.effects.actuator_lag import ActuatorLag
 from ffl.effects.asymmetric_friction import AsymmetricFriction
 from ffl.effects.backlash import Backlash
-from ffl.effects.base import Effect, Motion, Parameter, Setting, suggest
+from ffl.effects.base import Effect, Motion, Parameter, Setting
 from ffl.effects.cogging import Cogging
 from ffl.effects.constant_load import ConstantLoad
 from ffl.effects.coulomb_friction import CoulombFriction
@@ -42,6 +42,7 @@ from ffl.effects.valve_stiction import ValveStiction
 from ffl.effects.viscous_friction import ViscousFriction
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.plant_file import suggest
 
 EFFECTS: dict[str, Effect] = {
     effect.name: effect

@@ -22,12 +22,11 @@ divided by the motor constant), an output regressor with the sensitivity, and th
 coefficient * filtered regressor is the effect's first-order contribution to y.
 
 Motion. Regressors are computed from *simulated* motion (`Motion`), never from y smoothed without
-delay: that leaks the present noise into the regression (FINDINGS, Diagnosis 3).
+delay: that leaks the present noise into the regression.
 """
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +40,7 @@ from ffl.effects.motion import Extent, Motion
 from ffl.effects.point import Point
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
+from ffl.systems.plant_file import suggest
 from ffl.systems.state_space import Array
 
 Parameters = Mapping[str, Any]
@@ -385,12 +385,6 @@ class Setting:
 
     def point(self, side: str) -> Point:
         return self.mechanics.point(side, self.mass_ratio)
-
-
-def suggest(name: str, known: Sequence[str]) -> str:
-    """'did you mean X?' where a known name is near, else the list of known names."""
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 
 def leading(effects: Iterable[tuple[Effect, Parameters]]) -> int:

@@ -24,6 +24,7 @@ Output laws map MEAN, the noise-free measured value, to what the sensor says, on
 
 from __future__ import annotations
 
+import ast
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -37,8 +38,6 @@ GX, GV, GX_SLOPE, GV_SLOPE = 6, 7, 8, 9
 MEAN, SLOPE, COMMIT, FIRST = 10, 11, 12, 13
 SENT = 14
 IO_SIZE = 16
-
-HELPERS = ("law.py", "solve.py", "paths.py", "bristle.py", "slip.py")
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(_POINTER, _POINTER, _POINTER)
@@ -62,8 +61,7 @@ def _drop_stale(law: Callable[[Any, Any, Any], None]) -> None:
     Numba looks at the file of the law alone; after a change in `solve.py` it would go on running the
     old solver without a word.
     """
-    here = Path(__file__).parent
-    changed = max((here / name).stat().st_mtime for name in HELPERS)
+    changed = max(path.stat().st_mtime for path in helpers_of(law))
     source = Path(law.__code__.co_filename)
     for index in (source.parent / "__pycache__").glob(f"{source.stem}.{law.__name__}-*.nbi"):
         try:
@@ -71,3 +69,32 @@ def _drop_stale(law: Callable[[Any, Any, Any], None]) -> None:
                 index.unlink(missing_ok=True)
         except FileNotFoundError:
             continue  # another process was faster
+
+
+def helpers_of(law: Callable[..., Any]) -> set[Path]:
+    """Files that the machine code of `law` is made of beside its own: this one, and those of ffl.effects
+    with the constants and functions that it uses, and that these use in turn."""
+    found = {Path(__file__)}
+    used, todo = {law}, [law]
+    while todo:
+        function = todo.pop()
+        imported = _imported(Path(function.__code__.co_filename))
+        for name in function.__code__.co_names:
+            if name in imported:
+                found.add(imported[name])
+            called = getattr(function.__globals__.get(name), "py_func", None)
+            if called is not None and called not in used:
+                used.add(called)
+                todo.append(called)
+    return found
+
+
+@functools.cache
+def _imported(source: Path) -> dict[str, Path]:
+    """Names that the module `source` takes from others of ffl.effects, with the files they stand in."""
+    return {
+        alias.asname or alias.name: Path(__file__).with_name(f"{node.module.rpartition('.')[2]}.py")
+        for node in ast.parse(source.read_text()).body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ffl.effects.")
+        for alias in node.names
+    }

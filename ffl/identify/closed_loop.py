@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffl.bases.base import Basis
 from ffl.errors import InputError
-from ffl.identify.estimator import Estimator, checked, command
+from ffl.identify.estimator import Estimator, checked, force
 from ffl.identify.inverse import Band, InverseBasis, magnitude_band
 from ffl.identify.regression import upper_triangle
 from ffl.systems import Plant, StateSpace
@@ -81,14 +81,15 @@ class ParametricInverse:
 
 
 class InstrumentalInverse(Estimator):
-    """theta of u = F(theta) y from a closed-loop recording, by instrumental variables.
+    """theta of u + d = F(theta) y from a closed-loop recording, by instrumental variables.
 
-        theta = argmin || Q^T L (u - Psi(q) y theta) ||,   Q R = L Psi(q) y_model
+        theta = argmin || Q^T L (u + d - Psi(q) y theta) ||,   Q R = L Psi(q) y_model
 
-    `model` is the plant with its controller, as it is believed to be: it simulates the noise-free
-    answer y_model to r and f (the instrument), and its process sensitivity L = SP weighs the
-    equation error as tracking error. A wrong model costs variance, not bias. `basis` parametrizes
-    F; `method` "least_squares" leaves the instruments out, to see what the feedback's bias is.
+    d is the recording's known load (none: zero). `model` is the plant with its controller, as it is
+    believed to be: it simulates the noise-free answer y_model to r, f and d (the instrument), and its
+    process sensitivity L = SP weighs the equation error as tracking error. A wrong model costs
+    variance, not bias. `basis` parametrizes F; `method` "least_squares" leaves the instruments out,
+    to see what the feedback's bias is.
 
     Learns `inverse_`, `theta_`, `residual_` (output units), `rank_` (directions of theta that the
     trial sees; the rest is zero) and `instrument_strength_`: the smallest canonical correlation of
@@ -113,7 +114,7 @@ class InstrumentalInverse(Estimator):
                 f'method = {self.method!r} is neither "instrumental" nor "least_squares"'
             )
         r, f, y = (checked(getattr(recording, name), name) for name in ("r", "f", "y"))
-        u = checked(command(recording), "u")
+        total, load = checked(force(recording), "u"), getattr(recording, "d", None)
         if self.model.controller is None:
             raise InputError(
                 f"{self.model.name} has no [controller]; give the one the trial ran with"
@@ -131,9 +132,10 @@ class InstrumentalInverse(Estimator):
             raise InputError("the output does not excite every function of the basis; remove these")
         instruments = regressors
         if self.method == "instrumental":
-            answer = loop.system.select([0], [0, 1]).filter(np.column_stack([r, f]))
+            known = f if load is None else f + load
+            answer = loop.system.select([0], [0, 1]).filter(np.column_stack([r, known]))
             instruments = _filtered(weight, self.basis.regressors(answer))
-        a, b = regressors / scale, weight.filter(u)
+        a, b = regressors / scale, weight.filter(total)
         strength = np.linalg.norm(instruments, axis=0)
         if not np.all(strength > 0):
             raise InputError(

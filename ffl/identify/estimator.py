@@ -49,21 +49,28 @@ def signals(data: Any, target: ArrayLike | None) -> tuple[Array, Array, float]:
     if target is None:
         if not (hasattr(data, "y") and hasattr(data, "u")):
             raise InputError("fit: give a recording with u and y, or two arrays (output, target)")
-        output, target, sample_time = data.y, command(data), float(data.sample_time)
+        output, target, sample_time = data.y, force(data), float(data.sample_time)
     else:
         output, sample_time = data, 1.0
     return checked(output, "output"), checked(target, "target"), sample_time
 
 
-def command(recording: Any) -> Any:
-    """u of a recording, or an `InputError` where the file had none and nothing in it gives it."""
+def force(recording: Any) -> Any:
+    """What drives the plant, u + d with the known load where there is one, or an `InputError` where
+    the file had no u and nothing in it gives it."""
     if "u" in getattr(recording, "missing", ()) and not np.all(np.isfinite(recording.u)):
         source = getattr(recording, "source", "") or "recording"
         raise InputError(
             f"{source}: the command u is not recorded, and an inverse is learned from it; record u "
             "too, or name its column in a mapping"
         )
-    return recording.u
+    load = getattr(recording, "d", None)
+    total = recording.u if load is None else recording.u + load
+    if np.ptp(total) == 0:
+        raise InputError(
+            "the command u is constant, so nothing can be identified; record one that moves"
+        )
+    return total
 
 
 def checked(values: ArrayLike, name: str) -> Array:

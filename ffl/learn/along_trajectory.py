@@ -101,10 +101,9 @@ class AlongTrajectory:
         reference: ArrayLike,
         weights: Weights,
         constraints: Constraints | None = None,
-        path: str = "auto",
     ) -> None:
         self.reference = np.asarray(reference, float)
-        self._problem = NormOptimal(model, basis, self.reference, weights, constraints, path)
+        self._problem = NormOptimal(model, basis, self.reference, weights, constraints)
         self.regressors, self.weights = self._problem.regressors, weights
         self._q = orthonormal(self.regressors).q
         self._model, self._simulator = model, Simulator(model)
@@ -231,9 +230,13 @@ class AlongTrajectory:
         return step
 
     def _linearised(self, here: _Point, trial: _Trial) -> tuple[NormOptimal, Update]:
-        """The convex problem about the trajectory of `here`, and its solution."""
+        """The convex problem about the trajectory of `here`, and its solution. Without any command
+        the linear part answers: there is no scale for a difference, and friction would hold it."""
         f = self.regressors @ here.theta
         probe = PROBE * max(float(np.linalg.norm(f)), float(np.linalg.norm(here.command)))
+        if probe == 0.0:
+            problem = self._problem
+            return problem, problem.update(here.theta, here.error, here.command, trial.before)
         y, u = self.reference - trial.unsaid[0] - here.error, here.command - trial.unsaid[1]
         runs = [self._run(f + probe * q) for q in self._q.T]
         problem = self._problem.answering(

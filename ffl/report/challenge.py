@@ -50,8 +50,7 @@ def score_with_report(
 
     about: lines for the head of score.md (date, commit, command).
     """
-    result = score(cases, answers, truths, out)
-    write_text(out / "score.md", markdown(result, about))
+    result = score(cases, answers, truths, out, about)
     with drawing():
         figure = Figure(figsize=(11, 8.5), layout="constrained")
         axes = figure.add_subplot()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ import numpy as np
 from ffl.bases import FreeSignal
 from ffl.campaign import Campaign, RunSpec, load_campaign
 from ffl.campaign.signals import read_dataset
+from ffl.campaign.store import read_results
 from ffl.errors import InputError
 from ffl.systems.state_space import Array
 
@@ -57,20 +57,6 @@ class FinishedRun:
         """F(theta) of the last trial, None where the basis is not linear and time-invariant."""
         psi = None if self.is_free else self.spec.basis.response(frequencies_hz)
         return None if psi is None else psi @ self.theta[-1]
-
-
-def read_results(folder: Path) -> dict[str, Any]:
-    """results.json of a run's folder."""
-    path = folder / "results.json"
-    try:
-        results = json.loads(path.read_text())
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{folder}: no results.json; give the folder of a run") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
-    if not isinstance(results, dict) or results.get("schema") != 1 or "runs" not in results:
-        raise InputError(f"{path}: not the results of 'ffl run' (schema 1)")
-    return results
 
 
 def read_folders(folders: Sequence[Path]) -> list[FinishedRun]:

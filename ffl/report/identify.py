@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from ffl import __version__
+from ffl.bases import FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
 from ffl.errors import InputError
+from ffl.identify.inverse import pull_of_output_noise
 from ffl.identify.linear.signals import as_signals
 from ffl.recordings import Recording, read_recording
 from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant, save_plant
-from ffl.systems.atomic import write_text
+from ffl.systems.atomic import require_folder, write_text
 from ffl.systems.plant_file import suggest
 from ffl.systems.toml_text import inline
 
@@ -55,6 +57,19 @@ def _one(task: Task, method: str) -> Recording:
     return task.recordings[0]
 
 
+PULLED = 2.0  # standard errors of a bias above which a 95 % band misses the truth
+
+
+def _fitted(estimator: Any, recording: Recording) -> Any:
+    """The estimator, fitted; what it refuses is said with the recording's name."""
+    try:
+        return estimator.fit(recording)
+    except InputError as error:
+        text = str(error)
+        where = "" if text.startswith(recording.source) else f"{recording.source}: "
+        raise InputError(f"{where}{text}") from None
+
+
 BAND_OF = {
     "kernel": " The band is that of the posterior at the learned hyperparameters: it holds for the taps "
     "that the data see; how small the others are the kernel's decay says, which has an error of its own."
@@ -65,7 +80,7 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
     from ffl.report import kernel2018_figures as draw
 
     recording = _one(task, method)
-    fitted = estimator.fit(recording)
+    fitted = _fitted(estimator, recording)
     inverse = fitted.inverse_
     facts = {
         "taps": [
@@ -90,7 +105,8 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
         "Taps left of lag zero act before the reference does. Where the band of |F| is wide the "
         f"recording says little: the command had no power there.{BAND_OF.get(method, '')}",
     )
-    return Found(facts, page, _unsettled(fitted), basis=_filter(inverse.lags, inverse.theta))
+    notes = _unsettled(fitted) + _pulled(recording, inverse)
+    return Found(facts, page, notes, basis=_filter(inverse.lags, inverse.theta))
 
 
 def _unsettled(fitted: Any) -> tuple[str, ...]:
@@ -101,6 +117,18 @@ def _unsettled(fitted: Any) -> tuple[str, ...]:
     return (
         f"the search for the hyperparameters did not converge ({status}): the taps may be smoothed too "
         "much or too little; compare them with those of least_squares, or take fewer taps",
+    )
+
+
+def _pulled(recording: Recording, inverse: Any) -> tuple[str, ...]:
+    """What to say where noise of y, which the regression takes for clean, outweighs the stated errors;
+    `FED_BACK` says it of a closed loop."""
+    pull = pull_of_output_noise(inverse, len(recording))
+    if pull < PULLED or _fed_back(recording):
+        return ()
+    return (
+        "y is taken as free of noise: if the residual is noise of y, it biases the taps by up to "
+        f"{pull:.2g} of their stated standard errors; `identify bayes` takes the noise to be on y",
     )
 
 
@@ -131,7 +159,8 @@ def _bayes(task: Task) -> Found:
     from ffl.identify.bayes import DirectBayesianInverse
 
     recording = _one(task, "bayes")
-    fitted = DirectBayesianInverse(task.n_ac, task.n_c).fit(recording)
+    # Its n_c counts the tap of lag 0, as the 2025 paper does; --n-c means the last lag, for all methods.
+    fitted = _fitted(DirectBayesianInverse(task.n_ac, task.n_c + 1), recording)
     found = fitted.result_
     rows = zip(fitted.taps_, fitted.theta_, fitted.standard_errors(), strict=True)
     facts = {
@@ -170,10 +199,17 @@ def _instrumental(task: Task) -> Found:
     if task.model is None or task.basis is None:
         raise InputError("identify instrumental: give --model (with its controller) and --basis")
     recording = _one(task, "instrumental")
-    basis, _, _ = run_parts(
-        load_step(task.basis), task.model.sample_time, task.model, task.basis.parent
-    )
-    fitted = InstrumentalInverse(basis, task.model).fit(recording)
+    try:
+        basis, _, _ = run_parts(
+            load_step(task.basis), task.model.sample_time, task.model, task.basis.parent
+        )
+        if isinstance(basis, FreeSignal):
+            raise InputError("basis kind 'free' has no parameters to identify; take another")
+    except InputError as error:
+        text = str(error)
+        where = "" if text.startswith(str(task.basis)) else f"{task.basis}: "
+        raise InputError(f"{where}{text}") from None
+    fitted = _fitted(InstrumentalInverse(basis, task.model), recording)
     errors = fitted.inverse_.standard_errors
     facts = {
         "parameters": [
@@ -315,8 +351,8 @@ def identify_with_report(
         raise InputError(f"identify '{method}': {suggest(method, list(METHODS))}")
     if min(n_ac, n_c) < 0:
         raise InputError(f"n_ac = {n_ac}, n_c = {n_c} must not be negative")
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder for --out")
+    if out is not None:
+        require_folder(out)
     mapping = find_map(str(map), Path()) if map is not None else None
     plant = load_plant(model) if model is not None else None
     recordings = tuple(

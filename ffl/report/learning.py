@@ -11,8 +11,9 @@ import numpy as np
 
 from ffl import __version__
 from ffl.campaign import Campaign, Outcome, load_campaign, run_campaign
+from ffl.campaign.store import read_results
 from ffl.errors import InputError
-from ffl.report.finished import read_folders, read_results
+from ffl.report.finished import read_folders
 from ffl.report.terminal import print_table, progress
 
 

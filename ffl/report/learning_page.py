@@ -9,10 +9,11 @@ import numpy as np
 from ffl.report import learning_figures as draw
 from ffl.report.finished import FinishedRun, cumulative_power, motion_interval, pre_actuation
 from ffl.report.page import Page, drawing, subplots
-from ffl.systems import Plant
+from ffl.systems import Plant, StateSpace, Zpk, as_zpk
 from ffl.systems.state_space import Array
 
 PAPER = "the 2018 printer paper"
+AT_ONE = 1e-6  # distance of a zero from 1 that rounding alone makes
 
 
 def learning_page(runs: Sequence[FinishedRun]) -> Page:
@@ -235,20 +236,32 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
         figure, axes = subplots(8.6, 2.9, 1, 2)
         for ax, n in zip(axes, (short, long), strict=True):
             draw.impulse(ax, np.arange(n) * t, response[:n], unit)
-        right_way = np.flatnonzero(response * np.sign(response[-1]) > 0)
-        first = np.flatnonzero(response)[0]
+        against = wrong_way(campaign.model.system, response)
         page.figure(
             figure,
             "Impulse response of the model",
             (
                 "The output first moves against its final direction, for "
-                f"{(right_way[0] - first) * t * 1e3:g} ms: the zeros outside the unit circle at "
+                f"{against * t * 1e3:g} ms: the zeros outside the unit circle at "
                 "work, and the reason why a good feedforward starts before the motion does. "
-                if right_way[0] > first
+                if against
                 else "The output moves in its final direction from the start. "
             )
             + f"Left: the beginning. Counterpart of Figure 3 of {PAPER}.",
         )
+
+
+def wrong_way(system: Zpk | StateSpace, response: Array) -> int:
+    """Samples for which the impulse response (n,) begins against the direction of the gain at
+    standstill, the limit of H(z) at z = 1: its first value has the sign of H's gain, and each real zero
+    beyond +1 turns that of the limit once. An even number: none."""
+    zeros = as_zpk(system).zeros
+    beyond = np.sum((zeros.imag == 0) & (zeros.real > 1.0 + AT_ONE))
+    moving = np.flatnonzero(response)
+    if beyond % 2 == 0 or not len(moving):
+        return 0
+    turned = np.flatnonzero(response * np.sign(response[moving[0]]) < 0)
+    return int((turned[0] if len(turned) else len(response)) - moving[0])
 
 
 def to_invert(plant: Plant, frequencies: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 from ffl import __version__
 from ffl.errors import InputError
 from ffl.report.terminal import progress
+from ffl.systems.atomic import require_folder, write_text
 from ffl.systems.plant_file import suggest
 
 # paper -> (module whose `reproduce(fast=, jobs=, progress=)` measures and returns a result with `rows`,
@@ -32,8 +33,8 @@ def reproduce_paper(
         raise InputError(f"reproduce '{paper}': {suggest(paper, list(PAPERS))}")
     if jobs < 1:
         raise InputError(f"jobs = {jobs} must be at least 1")
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder for --out")
+    if out is not None:
+        require_folder(out)
     measure, show = PAPERS[paper]
     with progress(f"{paper}{' (fast)' if fast else ''}", 1.0, quiet) as advance:
         result = import_module(measure).reproduce(fast=fast, jobs=jobs, progress=advance)
@@ -43,8 +44,6 @@ def reproduce_paper(
     answer["rows"] = [row if isinstance(row, dict) else row.as_dict() for row in result.rows]
     if out is not None:
         import json
-
-        from ffl.systems.atomic import write_text
 
         page = import_module(show).page(result)
         page.footer = page.footer or f"Written by ffl {__version__}."

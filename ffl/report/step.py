@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ffl.report.finished import motion_interval
 from ffl.report.learning_figures import over_time
 from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant
-from ffl.systems.atomic import write_text
+from ffl.systems.atomic import require_folder, write_text
 from ffl.systems.state_space import Array
 
 
@@ -65,9 +65,14 @@ def step_with_report(
     mapping = find_map(str(map), Path()) if map is not None else None
     recording = read_recording(find_recording(str(trial), Path()), mapping)
     number, previous = _read_state(state, basis.names) if state is not None else (0, None)
-    step = learn_from_recording(
-        model, basis, recording, weights, constraints, previous, form.update
-    )
+    try:
+        step = learn_from_recording(
+            model, basis, recording, weights, constraints, previous, form.update
+        )
+    except InputError as error:
+        text = str(error)
+        where = "" if text.startswith(recording.source) else f"{basis_path}: "
+        raise InputError(f"{where}{text}") from None
     _require_sound(model, recording)
     if step.report.status == "infeasible":
         raise InputError(f"{basis_path}: constraints: {step.report.message}")
@@ -98,8 +103,7 @@ def step_with_report(
         "versions": versions(),
     }
     page = step_page(step, recording, model, answer, told)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder for --out")
+    require_folder(out)
     write_text(out / "feedforward.csv", _csv(recording.t, recording.r, step.feedforward))
     write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
     page.write(out / "report.html")
@@ -171,14 +175,16 @@ def _answer(step: Step, documented: dict[str, float], trial: int) -> dict[str, A
     learned = {entry["name"]: entry["on_plant"] for entry in parameters}
     if documented:
         answer["documented"] = {
-            name: {
-                "documented": value,
-                "learned": learned[name],
-                "relative": learned[name] / value - 1.0,
-            }
+            name: {"documented": value, "learned": learned[name]}
+            | ({"relative": learned[name] / value - 1.0} if value else {})
             for name, value in documented.items()
         }
     return answer
+
+
+def relative(entry: Mapping[str, float]) -> str:
+    """How far a learned parameter is from what is documented; of nothing there is no share."""
+    return f"{entry['relative']:+.1%}" if "relative" in entry else "-"
 
 
 def step_page(
@@ -226,7 +232,7 @@ def step_page(
         page.table(
             ["parameter", "documented", "learned", "learned / documented − 1"],
             [
-                [name, entry["documented"], entry["learned"], f"{entry['relative']:+.1%}"]
+                [name, entry["documented"], entry["learned"], relative(entry)]
                 for name, entry in answer["documented"].items()
             ],
             "Documented values stand in the basis file; the learned ones come from this one trial.",
@@ -234,13 +240,14 @@ def step_page(
     for note in step.notes:
         page.note(note)
     if told:
-        _foretold(page, told, unit_y)
+        _foretold(page, told, unit_y, bool(model.effects))
     _figures(page, step, recording, unit_y, unit_f)
     return page
 
 
-def _foretold(page: Page, told: Sequence[Foretold], unit: str) -> None:
-    page.section("Foretold by the model with its effects").table(
+def _foretold(page: Page, told: Sequence[Foretold], unit: str, effects: bool) -> None:
+    title = "Foretold by the model with its effects" if effects else "Foretold by the model"
+    page.section(title).table(
         ["recording", "measured", "model, as recorded", "model, with the next feedforward"],
         [[t.recording, *t.rms.values()] for t in told],
         f"RMS of r - y [{unit}]. Where the first two agree, the third is worth believing; recordings "

@@ -7,7 +7,7 @@ import os
 import sys
 import tomllib
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,6 +25,7 @@ from ffl.systems.zpk import Zpk
 
 Root = float | Annotated[list[float], Field(min_length=2, max_length=2)]
 Row = list[float]
+PLAIN = ("float", "int", "str", "bool")  # as pydantic names them among the members of a union
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -133,8 +134,8 @@ def _roots(values: list[Root], where: str) -> np.ndarray:
     return np.array(roots, complex)
 
 
-def suggest(name: str, known: list[str]) -> str:
-    """'; did you mean X?' where a known name is near, else the list of known names."""
+def suggest(name: str, known: Sequence[str]) -> str:
+    """'did you mean X?' where a known name is near, else the list of known names."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
@@ -162,7 +163,7 @@ def _place(form: Any, location: tuple[Any, ...]) -> tuple[str, list[str]]:
         if isinstance(step, int):
             path += f"[{step}]"
             continue
-        if "[" in step:  # a member of a union that is no form
+        if "[" in step or (step in PLAIN and not candidates):  # a member of a union that is no form
             continue
         tagged = [c for c in candidates if _is_tag(c, step)] if len(candidates) > 1 else []
         holders = [c for c in candidates if step in c.model_fields]
@@ -183,7 +184,8 @@ def _is_tag(form: Any, tag: str) -> bool:
 def explain(error: ValidationError, form: Any, file: str) -> InputError:
     """The first finding of pydantic as one line: file, key, what is wrong, how to mend."""
     # A wrong tag is the cause; that its keys are then unknown to the other members follows from it.
-    order = ("union_tag_invalid", "union_tag_not_found", "extra_forbidden")
+    # Of the members of a union the one whose length alone is wrong says more than the others.
+    order = ("union_tag_invalid", "union_tag_not_found", "extra_forbidden", "too_long", "too_short")
     finding = min(error.errors(), key=lambda f: (*order, f["type"]).index(f["type"]))
     location = tuple(step for step in finding["loc"] if "tagged-union" not in str(step))
     path, known = _place(form, location)
@@ -251,7 +253,9 @@ def find_plant(name_or_path: str | os.PathLike[str], folder: Path | None = None)
     if bare:
         names = sorted(p.stem for p in shipped_plants().glob("*.toml"))
         raise InputError(f"plant '{text}': not among the shipped plants; {suggest(text, names)}")
-    raise InputError(f"plant file '{text}': no such file (looked in {', '.join(map(str, tried))})")
+    raise InputError(
+        f"plant file '{text}': no such file (looked in {', '.join(map(str, dict.fromkeys(tried)))})"
+    )
 
 
 def plant_from_dict(data: Mapping[str, Any], file: str = "plant") -> Plant:

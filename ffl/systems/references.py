@@ -128,10 +128,11 @@ def multisine(
     rest: float = 0.0,
     taper: float = 0.0,
 ) -> Array:
-    """Random-phase multisine with all lines of 1/(duration - 2 rest) in `band` (Hz), RMS `rms`.
+    """Random-phase multisine with all lines of 1/(duration - 2 rest) in `band` (Hz), RMS `rms` between
+    the rests.
 
     `rest` seconds of zero stand before and after; `taper` seconds of raised cosine start and end
-    the signal so that it begins and ends at rest.
+    the signal so that it begins and ends at rest, half of what lies between the rests at most.
     """
     n, n_rest = round(duration / sample_time), round(rest / sample_time)
     m = n - 2 * n_rest
@@ -147,12 +148,12 @@ def multisine(
     spectrum = np.zeros(len(frequencies), complex)
     spectrum[lines] = np.exp(2j * np.pi * rng.random(int(lines.sum())))
     signal = np.fft.irfft(spectrum, m)
-    signal *= rms / np.sqrt(np.mean(signal**2))
     n_taper = min(round(taper / sample_time), m // 2)
     if n_taper:
         window = 0.5 - 0.5 * np.cos(np.pi * np.arange(n_taper) / n_taper)
         signal[:n_taper] *= window
         signal[-n_taper:] *= window[::-1]
+    signal *= rms / np.sqrt(np.mean(signal**2))
     reference = np.zeros(n)
     reference[n_rest : n_rest + m] = signal
     return reference

@@ -7,7 +7,7 @@ from ffl.campaign import printer2018
 
 
 def test_example_1_errors_are_those_of_the_check():
-    """FINDINGS: 0.528, 0.333, 0.037 for the 100-tap FIR, the 4th- and the 12th-order OBF."""
+    """0.528, 0.333, 0.037 for the 100-tap FIR, the 4th- and the 12th-order OBF."""
     example = printer2018.example_1()
     errors = [fit.relative_error for fit in example.fits]
     assert errors == pytest.approx([0.5285, 0.3333, 0.0370], abs=5e-4)

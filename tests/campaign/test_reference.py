@@ -33,6 +33,15 @@ def test_multisine_has_its_band_and_rms(tmp_path):
     np.testing.assert_array_equal(reference, build_reference(form, 1e-3, tmp_path))
 
 
+def test_a_taper_keeps_the_rms_and_fits_between_the_rests(tmp_path):
+    """Scaled before its taper, a reference of 1e-3 came out as 0.64e-3."""
+    form = {"kind": "multisine", "band": [2.0, 20.0], "rms": 1e-3, "duration": 3.0, "rest": 0.5}
+    reference = build_reference(MultisineForm(**form, taper=1.0), 1e-3, tmp_path)
+    assert np.sqrt(np.mean(reference[500:-500] ** 2)) == pytest.approx(1e-3)
+    with pytest.raises(InputError, match=r"taper = 1.1 s is more than half of the 2 s between"):
+        build_reference(MultisineForm(**form, taper=1.1), 1e-3, tmp_path)
+
+
 def test_a_band_beyond_nyquist_is_refused(tmp_path):
     form = MultisineForm(kind="multisine", band=[2.0, 600.0], rms=0.01, duration=5.0)
     with pytest.raises(InputError, match="<= 500 Hz"):

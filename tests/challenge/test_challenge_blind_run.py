@@ -213,3 +213,23 @@ def test_clopper_pearson_by_its_known_values():
     assert Share(10, 10).interval[0] == pytest.approx(0.025**0.1)
     low, high = Share(5, 10).interval
     assert (low, high) == pytest.approx((0.1871, 0.8129), abs=1e-4)
+
+
+def test_a_challenge_is_not_gone_on_with_under_another_seed(made, tmp_path):
+    """Its cases are those of the first seed, so that of the second would be published falsely."""
+    published = (made / "cases" / "commitments.json").read_text()
+    for seed, fraction in ((5, 0.012), (4, 0.006)):
+        with pytest.raises(
+            InputError, match=r"challenge\.seed: this challenge was begun with another"
+        ):
+            make(made / "cases", made / "truth", seed, fraction)
+    again = make(made / "cases", made / "truth", 4, 0.012)
+    assert (made / "cases" / "commitments.json").read_text() == published
+    assert again["root"] == json.loads(published)["root"]
+    (tmp_path / "truth").mkdir()
+    (tmp_path / "truth" / "case_0001.json").write_text("{}")
+    with pytest.raises(InputError, match="holds truths but no challenge"):
+        make(tmp_path / "cases", tmp_path / "truth", 4, 0.012)
+    (tmp_path / "truth" / "challenge.seed").write_text("{")
+    with pytest.raises(InputError, match="not valid JSON"):
+        make(tmp_path / "cases", tmp_path / "truth", 4, 0.012)

@@ -8,9 +8,11 @@ import pytest
 from ffl.bases.base import Basis
 from ffl.errors import InputError
 from ffl.identify import KernelInverse, LeastSquaresInverse
+from ffl.identify.bayes import DirectBayesianInverse
 from ffl.identify.kernels import OBF, TC, Direct
 from ffl.identify.noise import NoiseModel, fit_noise, noise_of, whitened
 from ffl.identify.regression import Edges, backward_regression
+from ffl.recordings import Recording
 from ffl.systems import Zpk, two_sided_filter
 
 PLANT = Zpk([1.25], [0.8, 0.5], 0.4, 0.01)  # non-minimum phase, relative degree 1
@@ -87,6 +89,23 @@ def test_recordings_map_output_to_command():
     assert model.inverse_.sample_time == 0.01
     with pytest.raises(InputError, match="recording with u and y"):
         LeastSquaresInverse(20, 20).fit(y)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [LeastSquaresInverse(2, 4), KernelInverse(TC(), 2, 4), DirectBayesianInverse(2, 4)],
+    ids=lambda method: type(method).__name__,
+)
+def test_a_known_load_drives_the_plant_beside_the_command(method):
+    """y = 0.2 q^-1 (u + d)/(1 - 0.9 q^-1), so that u + d = 5 y(t+1) - 4.5 y(t)."""
+    rng = np.random.default_rng(3)
+    u, n = rng.standard_normal(800), np.arange(800)
+    d = 2.0 * np.sin(0.02 * n) + 0.5 * u
+    y = Zpk([], [0.9], 0.2, 1e-3).filter(u + d) + 1e-4 * rng.standard_normal(800)
+    recording = Recording.from_signals(1e-3, y=y, u=u, d=d)
+    fitted = method.fit(recording)
+    taps = fitted.theta_ if hasattr(fitted, "theta_") else fitted.inverse_.theta
+    assert taps[:4] == pytest.approx([0.0, 5.0, -4.5, 0.0], abs=0.02)
 
 
 def test_inverse_is_a_basis_and_looks_ahead():

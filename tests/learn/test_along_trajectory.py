@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from ffl.bases import Compensation, Derivatives, SumBasis
+from ffl.bases import Compensation, Derivatives, Friction, SumBasis
 from ffl.learn import AlongTrajectory, Constraints, LearningTask, NormOptimal, Weights, learn
 from ffl.machines import SimulatedMachine
-from ffl.systems import EffectSpec, Move, load_plant, moves
+from ffl.systems import EffectSpec, Move, Physics, Plant, load_plant, moves, zero_order_hold
 
 T = 1e-3
 WEIGHTS = Weights(1e9, 1e-9, 0.0)
@@ -154,3 +154,16 @@ def test_bounds_that_nothing_meets_leave_the_parameters(stage, basis, reference,
     assert "command" in update.report.message
     np.testing.assert_array_equal(update.theta, np.zeros(5))
     np.testing.assert_array_equal(update.feedforward, 0 * reference)
+
+
+def test_it_learns_from_a_trial_without_any_command():
+    """Open loop, trial 1: f = u = 0 gives a difference no scale, and dry friction no answer to one."""
+    friction = (EffectSpec("coulomb_friction", {"level": 3.0}),)
+    lever = zero_order_hold([], [-5 + 30j, -5 - 30j], 1.0, T)
+    model = Plant("lever", lever, physics=Physics(mass=1.0), effects=friction)
+    orders = ["position", "velocity", "acceleration"]
+    basis = SumBasis([Derivatives(orders, sample_time=T), Friction(sample_time=T)])
+    reference = moves([Move(0.1, 0.1, 0.4, 4.0, 100.0)], 0.8, T)
+    task = LearningTask(model, SimulatedMachine(model), basis, reference, Weights(1.0, 1e-14, 0.0))
+    norms = [trial.error_norm for trial in learn(task, 3, SeedSequence(0))]
+    assert norms[-1] < 0.1 * norms[0]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from ffl.effects import EFFECTS
 from ffl.errors import WorkError
 from ffl.machines import SimulatedMachine, Simulator, kernel
 from ffl.systems.loop import Controller
@@ -161,3 +162,16 @@ def test_a_changed_helper_drops_the_compiled_laws(tmp_path, monkeypatch):
     law._drop_stale(scope["_law"])
     assert not stale.exists()
     assert fresh.exists()
+
+
+def test_helpers_are_all_files_that_a_law_is_made_of():
+    """What they are is read from the law: a new helper needs no entry in a list."""
+    from ffl.effects import law
+
+    def helpers(name):
+        return {path.name for path in law.helpers_of(EFFECTS[name].law)}
+
+    assert helpers("saturation") == {"law.py"}
+    assert helpers("coulomb_friction") == {"law.py", "solve.py"}
+    assert helpers("cogging") == {"law.py", "solve.py", "periods.py"}
+    assert helpers("presliding_friction") >= {"law.py", "solve.py", "bristle.py"}

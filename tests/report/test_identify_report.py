@@ -8,6 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 from ffl.cli import execute
+from ffl.identify import LeastSquaresInverse
+from ffl.identify.inverse import pull_of_output_noise
 from ffl.recordings import Recording, write_recording
 from ffl.report import identify as module
 
@@ -22,11 +24,12 @@ def written(path, n_samples=400, **signals):
 
 def test_what_speaks_against_a_posterior_is_said_in_all_three_places(tmp_path, capfd):
     data, out = written(tmp_path / "a.csv"), tmp_path / "found"
-    command = ["identify", "bayes", "--data", data, "--n-ac", "6", "--n-c", "3", "--out", str(out)]
+    command = ["identify", "bayes", "--data", data, "--n-ac", "6", "--n-c", "2", "--out", str(out)]
     assert execute(command) == 0
     answer = json.loads((out / "answer.json").read_text())
     (note,) = answer["notes"]
     assert "9 taps leave" in note
+    assert [tap["lag"] for tap in answer["taps"]] == list(range(-6, 3))
     assert answer["noise_ratio"] > 2
     assert answer["effective_sample_size"] > 100
     assert answer["lack_of_fit_p"] < 1e-3
@@ -36,7 +39,7 @@ def test_what_speaks_against_a_posterior_is_said_in_all_three_places(tmp_path, c
 
 def test_a_sound_answer_carries_no_note(tmp_path, capfd):
     data = written(tmp_path / "a.csv", 1500)
-    command = ["identify", "bayes", "--data", data, "--n-ac", "30", "--n-c", "20", "--json"]
+    command = ["identify", "bayes", "--data", data, "--n-ac", "30", "--n-c", "19", "--json"]
     assert execute(command) == 0
     assert json.loads(capfd.readouterr().out)["notes"] == []
 
@@ -72,3 +75,50 @@ def test_an_order_below_one_is_bad_input(order, tmp_path, capfd):
     data = written(tmp_path / "a.csv")
     assert execute(["identify", "linear", "--data", data, "--order", order]) == 2
     assert f"order {order} is not 1 or more" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("method", ["least_squares", "kernel", "rational"])
+@pytest.mark.parametrize(("noise", "said"), [(0.05, True), (1e-5, False)])
+def test_noise_of_y_that_outweighs_the_stated_errors_is_said(method, noise, said, tmp_path, capfd):
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal(3000)
+    clean = lfilter(0.2 * np.poly([0.5, -0.3]), np.poly([0.9, 0.7, 0.2]), u)
+    y = clean + noise * clean.std() * rng.standard_normal(3000)
+    data = written(tmp_path / "a.csv", 3000, u=u, y=y)
+    command = ["identify", method, "--data", data, "--n-ac", "20", "--n-c", "20", "--json"]
+    assert execute(command) == 0
+    notes = json.loads(capfd.readouterr().out)["notes"]
+    assert any("y is taken as free of noise" in note for note in notes) == said
+
+
+def test_the_bias_that_noise_of_y_brings_is_foretold():
+    """12 noises of y: the mean error of the taps, in stated standard errors, is what is said of it."""
+    u = np.random.default_rng(1).standard_normal(1000)
+    clean = lfilter([0.0, 1.0], [1.0, -0.5], u)  # u(t) = y(t+1) - 0.5 y(t)
+    off, told = [], []
+    for seed in range(12):
+        y = clean + 0.2 * np.random.default_rng(seed + 10).standard_normal(1000)
+        found = LeastSquaresInverse(2, 2).fit(Recording.from_signals(1e-3, u=u, y=y)).inverse_
+        truth = np.array([0.0, 1.0, -0.5, 0.0, 0.0])
+        off.append((found.theta - truth) / found.standard_deviation)
+        told.append(pull_of_output_noise(found, 1000))
+    assert np.mean(told) > 5
+    assert np.mean(told) == pytest.approx(np.abs(np.mean(off, axis=0)).max(), rel=0.15)
+
+
+@pytest.mark.parametrize("method", ["linear", "least_squares", "kernel", "rational", "bayes"])
+@pytest.mark.parametrize("still", ["u", "y"])
+def test_a_constant_signal_is_refused_by_every_method(method, still, tmp_path, capfd):
+    data = written(tmp_path / "still.csv", **{still: np.full(400, 0.5)})
+    assert execute(["identify", method, "--data", data]) == 2
+    error = capfd.readouterr().err
+    assert "still.csv: " in error
+    assert "constant" in error
+
+
+def test_a_free_signal_is_no_basis_to_identify(tmp_path, capfd):
+    basis, data = tmp_path / "free.toml", written(tmp_path / "a.csv")
+    basis.write_text('basis = [{ kind = "free" }]\nweights = { error = 1.0 }\n')
+    command = ["identify", "instrumental", "--data", data, "--model", "emps", "--basis", str(basis)]
+    assert execute(command) == 2
+    assert "free.toml: basis kind 'free' has no parameters" in capfd.readouterr().err

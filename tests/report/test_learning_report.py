@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 from ffl.campaign import load_campaign, run_campaign
 from ffl.report.finished import cumulative_power, motion_interval, pre_actuation, read_folders
 from ffl.report.learning import run_with_report, write_report
+from ffl.report.learning_page import wrong_way
+from ffl.systems import Zpk, zero_order_hold
 
 
 @given(st.integers(2, 200), st.integers(0, 2**32 - 1))
@@ -35,6 +37,20 @@ def test_motion_and_pre_actuation():
     assert pre_actuation(feedforward, 50) == 0
     assert pre_actuation(np.zeros(250), 100) == 0
     assert motion_interval(np.zeros(5), 0.1) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("system", "samples"),
+    [
+        (Zpk([], [0.4], 0.6, 1e-3), 0),  # its impulse response ends at exactly zero
+        (zero_order_hold([], [-5 + 35j, -5 - 35j], 1.0, 1e-3), 0),  # swings to the other side
+        (Zpk([1.5], [0.4, 0.5], -1.0, 1e-3, 4), 1),  # -1, 0.6, 0.74, ...: H(1) > 0
+        (Zpk([1.5, 1.2], [0.4, 0.5, 0.6], 1.0, 1e-3), 0),
+        (Zpk([], [0.4], 0.6, 1e-3, 400), 0),  # nothing within the picture
+    ],
+)
+def test_only_a_zero_beyond_one_sends_the_output_the_wrong_way(system, samples):
+    assert wrong_way(system, system.impulse_response(200)) == samples
 
 
 def test_the_report_holds_every_figure(write_campaign, tmp_path):

@@ -13,7 +13,7 @@ from ffl.bases import make_basis
 from ffl.cli import execute
 from ffl.errors import InputError
 from ffl.learn import Constraints, Weights
-from ffl.learn.step import _GoingOn, learn_from_recording
+from ffl.learn.step import _GoingOn, feedforward_for, learn_from_recording
 from ffl.recordings import Recording, read_recording, write_recording
 from ffl.systems import Controller, Plant, Zpk, closed_loop, load_plant
 
@@ -40,13 +40,14 @@ def motion(n=6000):
     return 0.1 * (1 - np.cos(2 * np.pi * 0.5 * t)) * (1 - np.exp(-2 * t)) ** 4
 
 
-def recorded(plant, reference, first=0, feedforward=None, noise=0.0, seed=0):
+def recorded(plant, reference, first=0, feedforward=None, noise=0.0, seed=0, load=None):
     f = np.zeros(len(reference)) if feedforward is None else feedforward
     v = noise * np.random.default_rng(seed).standard_normal(len(reference))
     loop = closed_loop(plant.system, plant.controller).system
-    y, u = loop.filter(np.column_stack([reference, f, 0 * f, v])).T
+    w = 0 * f if load is None else load
+    y, u = loop.filter(np.column_stack([reference, f, w, v])).T
     t = np.arange(len(reference)) * T
-    whole = Recording(t, reference, f, u, y, sample_time=T)
+    whole = Recording(t, reference, f, u, y, load, sample_time=T)
     return whole[first : len(reference)]
 
 
@@ -103,6 +104,23 @@ def test_a_step_that_corrects_more_than_noise_says_that_its_standard_errors_do_n
     assert notes[-1] == ""
 
 
+def test_a_check_is_foretold_from_the_feedforward_that_it_ran_with():
+    """Recorded without feedforward, with that of the step before, with another's, and with pulses
+    beside: the next one has the basis with the new parameters, once, and the pulses."""
+    plant, basis, other = servo(90.0, 300.0), make_basis(BASIS, T), -0.5 * motion()
+    previous, theta = np.array([80.0, 200.0]), np.array([92.0, 290.0])
+    phi = _GoingOn(basis).regressors(other)
+    pulses = 20.0 * (np.arange(len(other)) % 1500 < 200)
+    for used in (0.0 * previous, previous, np.array([60.0, 500.0])):
+        check = recorded(plant, other, feedforward=phi @ used)
+        following = feedforward_for(basis, check, theta, previous)
+        np.testing.assert_allclose(following, phi @ theta, atol=1e-6 * np.abs(phi @ theta).max())
+    for used in (0.0 * previous, previous):
+        check = recorded(plant, other, feedforward=phi @ used + pulses)
+        following = feedforward_for(basis, check, theta, previous)
+        np.testing.assert_allclose(following, phi @ theta + pulses, rtol=1e-9, atol=1e-9)
+
+
 def test_a_known_injection_is_not_learned():
     reference = motion()
     pulses = 20.0 * (np.arange(len(reference)) % 1500 < 200)
@@ -113,6 +131,19 @@ def test_a_known_injection_is_not_learned():
     other = learn_from_recording(model, basis, pushed, Weights(1.0, 1e-20))
     np.testing.assert_allclose(other.theta, one.theta, rtol=1e-6)
     assert "known injection" in other.notes[0]
+
+
+def test_a_known_load_is_not_learned():
+    reference, basis, model = motion(), make_basis(BASIS, T), load_plant("emps")
+    load = 30.0 * np.sin(2 * np.pi * 0.7 * np.arange(len(reference)) * T)
+    plain = recorded(servo(95.1), reference)
+    one = learn_from_recording(model, basis, plain, Weights(1.0, 1e-20))
+    loaded = recorded(servo(95.1), reference, load=load)
+    other = learn_from_recording(model, basis, loaded, Weights(1.0, 1e-20))
+    np.testing.assert_allclose(other.theta, one.theta, rtol=1e-6)
+    broken = replace(loaded, d=np.where(np.arange(len(load)) == 7, np.nan, load))
+    with pytest.raises(InputError, match="column d, row 8 is not a number"):
+        learn_from_recording(model, basis, broken, Weights(1.0, 1e-20))
 
 
 def test_the_feedforward_of_a_cut_out_motion_has_no_spike():
@@ -182,12 +213,37 @@ def test_step_writes_the_next_feedforward_and_its_state(files, tmp_path, capfd):
     assert following["error_norm"] < 0.1 * answer["error_norm"]
 
 
+def test_a_model_without_effects_foretells_without_them(files, tmp_path):
+    assert execute([*files, "--check", "trial.csv", "--out", "one"]) == 0
+    page = (tmp_path / "one" / "report.html").read_text()
+    assert "Foretold by the model" in page
+    assert "with its effects" not in page
+
+
+def test_what_is_documented_as_zero_has_no_relative_error(files, tmp_path, capfd):
+    path = tmp_path / "basis.toml"
+    path.write_text(path.read_text() + "velocity = 0.0\n")
+    assert execute([*files, "--out", "one", "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)["documented"]["velocity"]
+    assert told["documented"] == 0.0
+    assert told["learned"] == pytest.approx(300.0, rel=0.02)
+    assert "relative" not in told
+    assert execute([*files, "--out", "two"]) == 0
+    assert re.search(r"velocity: documented 0, learned 2\d\d\S* \(-\)", capfd.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "says"),
     [
         ("basis.toml", "acceleration =", "mass =", "documented.mass: not a parameter"),
         ("basis.toml", "weights", "wieghts", "unknown key 'wieghts'"),
         ("basis.toml", "error = 1.0", "error = 0.0", "weights.error = 0 must be positive"),
+        (
+            "basis.toml",
+            "error = 1.0",
+            "error = [1.0, 2.0]",
+            "basis.toml: weights.error has 2 values",
+        ),
         ("basis.toml", 'kind = "derivatives"', 'kind = "derivates"', "did you mean 'derivatives'"),
         ("trial.csv", "0.001,", "nan,", "column t"),
         ("trial.csv", "t,r,", "t,x,", "reference r is missing"),

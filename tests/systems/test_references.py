@@ -79,6 +79,9 @@ def test_multisine_has_its_band_size_and_rest():
     assert power[~inside].max() < 1e-20 * power.max() + 1e-18
     tapered = multisine((2.0, 20.0), 0.01, 3.0, T, rng, rest=0.5, taper=0.1)
     assert abs(tapered[500]) < 1e-12
+    whole = multisine((2.0, 20.0), 0.01, 3.0, T, rng, rest=0.5, taper=1.0)
+    for r in (tapered, whole):
+        assert np.sqrt(np.mean(r[500:2500] ** 2)) == pytest.approx(0.01)
     with pytest.raises(InputError, match="holds no multiple"):
         multisine((2.01, 2.02), 0.01, 3.0, T, rng)
     with pytest.raises(InputError, match="no room"):

@@ -48,7 +48,7 @@ def test_section_state_space_has_the_response_of_the_factors(zeros, poles, delay
 
 
 def test_excess_poles_are_a_delay_not_lost_as_in_zpk2sos():
-    """FINDINGS 7: zpk2sos([], [0.5], 1) comes one sample early; 1/(z - 0.5) starts at t = 1."""
+    """zpk2sos([], [0.5], 1) comes one sample early; 1/(z - 0.5) starts at t = 1."""
     assert Zpk([], [0.5], 1.0, 1.0).impulse_response(4) == pytest.approx([0, 1, 0.5, 0.25])
     assert Zpk([], [], 2.0, 1.0, 3).impulse_response(5) == pytest.approx([0, 0, 0, 2, 0])
 

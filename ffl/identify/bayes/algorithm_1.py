@@ -39,7 +39,6 @@ class Algorithm1Fit:
 
     theta: np.ndarray
     covariance: np.ndarray
-    posterior_mean: np.ndarray
     hyperparameters: tuple[Hyperparameters, ...]
     evidence: np.ndarray
     acceptance: np.ndarray
@@ -198,7 +197,6 @@ def algorithm_1(
     return Algorithm1Fit(
         theta,
         covariance,
-        chains.mean,
         tuple(course),
         np.array(evidence),
         np.array(acceptance),

@@ -12,7 +12,7 @@ from ffl.identify.bayes.algorithm_1 import Algorithm1Fit, algorithm_1
 from ffl.identify.bayes.posterior import Posterior, direct_posterior
 from ffl.identify.bayes.protocol import shifted
 from ffl.identify.bayes.records import Record, check_arrays, reduce_record
-from ffl.identify.estimator import Estimator, command
+from ffl.identify.estimator import Estimator, force
 
 
 class _DirectInverse(Estimator):
@@ -28,7 +28,7 @@ class _DirectInverse(Estimator):
         if y is None:
             if not (hasattr(u, "u") and hasattr(u, "y")):
                 raise InputError("fit: give a recording with u and y, or two arrays (u, y)")
-            u, y = command(u), u.y
+            u, y = force(u), u.y
         if self.n_ac < 0 or self.n_c < 1:
             raise InputError(
                 f"n_ac = {self.n_ac}, n_c = {self.n_c}: n_ac must be 0 or more, n_c 1 or more"
