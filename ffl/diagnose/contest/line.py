@@ -125,21 +125,23 @@ def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:
 def against_the_refused(
     held: Scene | None, judged: Judged, outcome: Outcome
 ) -> tuple[Judged, Outcome]:
-    """(`judged` or who does more in its place, `outcome` with those as contenders) where an effect stands
-    last that came in as a number of the model's own: with that number on the line the best of the last
-    round are held against it once more, by its noise. (Dry friction in noise: 44 ahead of a damping beyond
+    """(`judged` or who does more in its place, `outcome` with those as contenders) where effects stand last
+    that came in as numbers of the model's own: with these on the line the best of those that were tried
+    are held against them once more, by their noise. (Dry friction in noise: 44 ahead of a damping beyond
     the line and refused for 6 on the recordings that judge, under noise that made no difference of it. Drag
     beside a Stribeck friction, refused for the little that it brought beside a damping of 5 times the
-    model's: without that the two were 32 ahead, and plain friction with drag 36.)"""
-    if not outcome.steps or not judged.model.effects:
-        return judged, outcome
-    *company, name = judged.model.names
-    if name not in NAMES.values() or name in outcome.contenders:
+    model's: without that the two were 32 ahead, and plain friction with drag 36. A delay on a stage with
+    a spring was 2.7 times its mass and a damper.)"""
+    company = list(judged.model.names)
+    name = company[-1] if company else ""
+    while company and company[-1] in NAMES.values() and company[-1] not in outcome.contenders:
+        company.pop()
+    if len(company) == len(judged.model.names) or not outcome.steps:
         return judged, outcome
     if company and tuple(company) != outcome.standing.model.names:
         return judged, outcome
     best: dict[str, Judged] = {}
-    for rival in sorted(outcome.steps[-1].rivals, key=lambda r: -r.score):
+    for rival in outcome.tried:
         if rival.model.names[:-1] == tuple(company) and credible(rival):
             best.setdefault(rival.model.names[-1], rival)
     alone, scene = outcome.standing, judged.scene

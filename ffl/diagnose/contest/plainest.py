@@ -15,8 +15,8 @@ from ffl.diagnose.contest.settle import PLAINEST, plain_form
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 
 CONTACT = "presliding_friction"
-FINE = 0.1  # of the sensor's noise: a way that no recording shows
-LED, ROUGH = 0.5, 2.0  # the same where an observer leads, and where the stiffness is unsure as well
+# Of the sensor's noise: a way that no recording shows, and where the stiffness is unsure as well.
+FREE, LED = (0.1, 0.4), (0.5, 2.0)  # in free runs and led by an observer
 UNSURE = 0.4  # of a stiffness: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
@@ -76,9 +76,7 @@ def unseen(judged: Judged, index: int) -> bool:
     stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
     way = float(values["level"]) / stiffness
     unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
-    if judged.scene.observed:
-        return way < (ROUGH if unsure else LED) * noise
-    return way < FINE * noise
+    return way < (LED if judged.scene.observed else FREE)[unsure] * noise
 
 
 def _flat(judged: Judged, index: int) -> bool:

@@ -44,3 +44,11 @@ class Outcome:
     steps: list[Step]
     held: Scene | None
     contenders: dict[str, list[tuple[str, Judged]]]
+
+    @property
+    def tried(self) -> list[Judged]:
+        """Whoever was fitted to join in any round: first who came in, whether they stayed or not, then the
+        others, the likeliest by the noise of their round first."""
+        came = [one for step in self.steps for one in (step.accepted, step.turned_down) if one]
+        rivals = [rival for step in self.steps for rival in step.rivals]
+        return [*came, *sorted(rivals, key=lambda rival: -rival.score)]
