@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from ffl.diagnose.contest.evenly import of_its_mass
 from ffl.diagnose.contest.judging import (
     PER_NUMBER,
     SHARE,
@@ -258,9 +259,8 @@ def _reached(
     goal: float,
     c: Candidate,
 ) -> tuple[str, Judged, list[str]]:
-    """What a challenger reaches in the place of effect `index` that `current` has and `without` has
-    not: its name, its fit and what there is to say of it; `goal`: the sum of squares that `current`
-    leaves."""
+    """What a challenger reaches in the place of effect `index` that `current` has and `without` has not: its
+    name, its fit and what there is to say of it; `goal`: squares that `current` leaves."""
     lines: list[str] = []
     others = as_it_stands(current.model.effects[index], c)
     start = with_best_start(quiet, c, others)
@@ -272,7 +272,7 @@ def _reached(
         coarse, plain = levelled([other, current])
         if coarse.score > (plain.score if c.spec.name in PLIABLE else least):
             other = refined(quiet, held, other, lines.append)
-    return c.spec.name, other, lines
+    return c.spec.name, of_its_mass(held, other), lines
 
 
 def as_it_stands(spec: EffectSpec, c: Candidate) -> list[EffectSpec]:
