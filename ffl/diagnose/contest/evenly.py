@@ -93,7 +93,7 @@ def recentred(held: Scene | None, judged: Judged) -> Judged:
 
 
 def of_its_mass(held: Scene | None, judged: Judged) -> Judged:
-    """`judged`, or with the stated mass, held, where a fraction of it was fitted and that is worth little: a
+    """`judged`, or with the stated mass, held, where a fraction of it was fitted and is worth little: a
     stage that its spring drives hardly feels its mass. (Hysteresis in noise was no rival of a presliding
     friction, 147 nats ahead of it, for 92 % less mass.)"""
     if not (judged.model.effects and is_another(judged.model)):

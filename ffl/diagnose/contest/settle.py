@@ -259,8 +259,8 @@ def _reached(
     goal: float,
     c: Candidate,
 ) -> tuple[str, Judged, list[str]]:
-    """What a challenger reaches in the place of effect `index` that `current` has and `without` has not: its
-    name, its fit and what there is to say of it; `goal`: squares that `current` leaves."""
+    """What a challenger reaches in the place of effect `index`, which `current` has and `without` has not:
+    its name, its fit and what there is to say of it; `goal`: squares that `current` leaves."""
     lines: list[str] = []
     others = as_it_stands(current.model.effects[index], c)
     start = with_best_start(quiet, c, others)

@@ -30,7 +30,7 @@ KEPT, REST = 0.03, 48  # s of a hold, and samples, that stay with the moves at e
 SHORT = 200  # samples of a piece, at least
 
 HELD = (
-    "where friction holds the machine for long and the command wanders, nothing was compared: each move "
+    "where nothing moves for long and only the command wanders, nothing was compared: each move "
     "is by itself"
 )
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest.evenly import beside_a_load, recentred
+from ffl.diagnose.contest.evenly import beside_a_load, of_its_mass, recentred
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.line import across_the_line
 from ffl.diagnose.hypothesis.amounts import as_effect
@@ -96,3 +96,20 @@ def test_a_gain_by_position_is_told_from_where_the_mass_is_as_stated(
         assert found.effects[0].parameters["centre"] == pytest.approx(0.02, abs=0.002)
     names = across_the_line(scene, held, judged).model.names
     assert ("mass_change" in names) == named
+
+
+@pytest.mark.parametrize(
+    ("mass", "true", "stated"), [(-0.9, 0.0, True), (-0.9, -0.88, False), (0.01, 0.0, False)]
+)
+def test_a_fraction_of_the_mass_that_is_worth_nothing_is_the_stated_one(  # type: ignore[no-untyped-def]
+    stage, record, scenes, mass, true, stated
+):
+    friction = EffectSpec("coulomb_friction", {"level": 2.0})
+    less = EffectSpec("mass_change", {"change": true})
+    scene, held, model = scenes(record(replace(stage, effects=(friction, less))))
+    judged = judge(scene, held, model.with_effect(friction), 12)
+    fitted = replace(judged.model, corrections={**judged.model.corrections, "mass": mass})
+    judged = replace(judged, fit=replace(judged.fit, model=fitted))
+    found = of_its_mass(held, judged)
+    assert (found is not judged) is stated
+    assert ("mass" in found.model.held) is stated

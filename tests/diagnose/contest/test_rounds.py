@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from ffl.diagnose.contest import rounds
-from ffl.diagnose.contest.rounds import Step
+from ffl.diagnose.contest.rounds import Outcome, Step
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,11 @@ def test_the_refused_is_who_was_turned_down_or_who_might_have_come_in(  # type: 
     monkeypatch.setattr(rounds, "credible", lambda rival: rival != "mode")
     step = Step(SimpleNamespace(), (), ("mode", "friction", "load"), accepted, turned_down)
     assert step.refused == refused
+
+
+def test_whoever_was_tried_is_who_came_in_and_then_the_likeliest_of_the_others():
+    low, high, came, left = (SimpleNamespace(score=s, name=n) for s, n in
+                             ((1.0, "low"), (5.0, "high"), (0.0, "came"), (-1.0, "left")))  # fmt: skip
+    steps = [Step(low, (), (low, came), came), Step(came, (), (high,), None, turned_down=left)]
+    found = Outcome(came, steps, None, {}).tried
+    assert [one.name for one in found] == ["came", "left", "high", "low", "came"]
