@@ -22,7 +22,15 @@ from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
 )
-from ffl.diagnose.maps.gains import MARGIN, as_good, cost_of, gains_of, in_own_noise, nearly
+from ffl.diagnose.maps.gains import (
+    MARGIN,
+    as_good,
+    cost_of,
+    gains_of,
+    in_own_noise,
+    nearly,
+    within_the_line,
+)
 from ffl.diagnose.maps.measured import measured
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import Imitation, imitated
@@ -139,7 +147,7 @@ def compare(
         # maps are cannot confirm it.
         told = alone is not None and (gains[1] > MARGIN or (alone.untold and gains[0] > UNTOLD))
         told = told and gains[0] > MARGIN and in_own_noise(scene, standing, alone) > MARGIN
-        if alone and told:
+        if alone and told and not within_the_line(scene, alone):
             return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())

@@ -16,6 +16,7 @@ from ffl.diagnose.maps import freeform
 from ffl.diagnose.maps.formula import Shape, _brake, _cost
 from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
+from ffl.diagnose.maps.gains import within_the_line
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.events import events
@@ -197,3 +198,27 @@ def test_a_map_that_judging_recordings_hardly_show_must_bring_half_of_what_it_ca
     monkeypatch.setattr(freeform, "_held", lambda *_: held)
     monkeypatch.setattr(freeform, "_promise", lambda *_: promised)
     assert _earns(replace(bare, evidence=fitted), bare) is earned
+
+
+@pytest.mark.parametrize(
+    ("name", "slope", "bend", "within"),
+    [
+        ("velocity", -0.05, 0.0, True),
+        ("velocity", -30.0, 0.0, False),  # much of it
+        ("velocity", -0.05, 0.02, False),  # no straight line
+        ("position", -0.05, 0.0, True),
+        ("direction by position", -0.5, 0.0, False),  # neither a damper nor a spring
+    ],
+)
+def test_a_little_damping_elsewhere_is_no_physics(
+    stage, references, scenes, name, slope, bend, within
+):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 1, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    ranges = {"x": (-0.05, 0.15), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 3.0)}
+    part = Part(term(name), Place("force"), np.zeros(0), ranges)
+    grid = part.term.grid(ranges)
+    part = replace(part, coefficients=slope * grid + bend * np.sign(grid))
+    white = np.zeros(scene.samples)
+    free = FreeForm(FreeModel(model, (part,)), scene, 0.0, white, white, white.astype(bool))
+    assert within_the_line(scene, free) is within
