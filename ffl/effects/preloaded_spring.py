@@ -68,7 +68,6 @@ class PreloadedSpring(Effect):
     depends_on = ("position",)
     siblings = ("linear_stiffness", "hardening_spring", "gravity_torque")
     law = staticmethod(_law)
-    needs_mass = False
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return float(packed[0] / packed[2])

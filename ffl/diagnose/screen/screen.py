@@ -77,7 +77,9 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 
 BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
 LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
-INERTIAL = frozenset({"flexible_mode", "mass_change"})  # lags in a row have no mass to part
+INERTIAL = frozenset(
+    {"flexible_mode", "mass_change", "preloaded_spring"}
+)  # of a mass, which lags do not have
 
 
 Tables = dict[tuple[tuple[str, float], ...], Array]  # columns of one effect by what shapes them
