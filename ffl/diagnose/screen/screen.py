@@ -77,9 +77,8 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 
 BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
 LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
-INERTIAL = frozenset(
-    {"flexible_mode", "mass_change", "preloaded_spring"}
-)  # of a mass, which lags do not have
+# Of a mass, which lags in a row do not have.
+INERTIAL = frozenset({"flexible_mode", "mass_change", "preloaded_spring"})
 
 
 Tables = dict[tuple[tuple[str, float], ...], Array]  # columns of one effect by what shapes them
