@@ -23,6 +23,7 @@ LEVELS = {  # the two that a form of dry friction has, where plain friction has 
     "stribeck_friction": ("static_level", "coulomb_level"),
     "asymmetric_friction": ("level_positive", "level_negative"),
 }
+SPRING = "stiffness"  # the model's own, which a straight line of forces by position is
 FLAT = 0.02  # of the mean level: what lies between the levels of a table that has but one
 
 
@@ -32,8 +33,9 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
     had crossed the line.) A contact that gives way over less than any sensor shows eases what rounding
     makes of standstill, or the jumps of an observer's corrections of the state, and is none of the
-    machine's; nor are places told by levels that differ by a hundredth. (An extruder's 3 N, between 2.984
-    and 3.025.) Plain friction may have the numbers that were fitted beside them."""
+    machine's; nor are places told by levels that differ by a hundredth, or by a spring's straight line.
+    (An extruder's 3 N, between 2.984 and 3.025.) Plain friction may have the numbers that were fitted
+    beside them."""
     model = judged.model
     index = next((k for k, name in enumerate(model.names) if name in SAME), None)
     if index is None or judged.predicted:
@@ -45,7 +47,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     plain = plain_form(spec)
     assert plain is not None
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
-    plainer = replace(model, effects=effects)
+    plainer = replace(model, effects=effects, held=model.held - {SPRING})  # a table holds its line
     forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if eased else (8,))]
     tried = min(forms, key=lambda form: raw_error(held, form.model))
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
@@ -80,12 +82,16 @@ def unseen(judged: Judged, index: int) -> bool:
 
 
 def _flat(judged: Judged, index: int) -> bool:
-    """Whether a table of friction has the same level at all places and either way, to a hundredth."""
+    """Whether a table of friction has the same level at all places, to a hundredth, but for a load or a
+    spring: what its levels either way differ by is a straight line over the position."""
     table = judged.model.effects[index].parameters.get("table")
     if not isinstance(table, Mapping):
         return True
-    levels = np.concatenate([np.asarray(table[way], float) for way in ("positive", "negative")])
-    return float(np.ptp(levels)) < FLAT * abs(float(levels.mean()))
+    grid, up, down = (np.asarray(table[key], float) for key in ("grid", "positive", "negative"))
+    level, apart = 0.5 * (up + down), 0.5 * (up - down)
+    line = np.column_stack([np.ones_like(grid), (grid - grid.mean()) / np.ptp(grid)])
+    bent = apart - line @ np.linalg.lstsq(line, apart, rcond=None)[0]
+    return max(float(np.ptp(level)), float(np.ptp(bent))) < FLAT * abs(float(level.mean()))
 
 
 def _spread(judged: Judged, index: int, name: str) -> float:

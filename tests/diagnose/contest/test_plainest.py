@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ffl.diagnose.contest.judging import judge
-from ffl.diagnose.contest.plainest import plainest
+from ffl.diagnose.contest.plainest import _flat, plainest
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
@@ -68,3 +69,22 @@ def test_a_table_of_one_level_is_plain_friction(stage, record, apart, said):  # 
     if said == "coulomb_friction":
         assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.01)
         assert [name for name, _ in after.contenders[said]] == [said]
+
+
+GRID = np.linspace(-1.0, 1.0, 5)
+
+
+@pytest.mark.parametrize(
+    ("up", "down", "one"),
+    [
+        (7.0 - 0.7 * GRID, 7.0 + 0.7 * GRID, True),  # a spring beside it
+        (6.5 + 0.0 * GRID, 7.5 + 0.0 * GRID, True),  # a load
+        (7.0 - 0.7 * GRID, 7.0 - 0.7 * GRID, False),  # more at one end
+        (7.0 - 0.7 * GRID**2, 7.0 + 0.7 * GRID**2, False),  # no straight line
+    ],
+)
+def test_a_spring_or_a_load_beside_one_level_is_no_friction_by_position(up, down, one):
+    table = {"grid": GRID.tolist(), "positive": up.tolist(), "negative": down.tolist()}
+    spec = EffectSpec("position_dependent_friction", {"table": table})
+    judged = SimpleNamespace(model=SimpleNamespace(effects=(spec,)))
+    assert _flat(judged, 0) is one
