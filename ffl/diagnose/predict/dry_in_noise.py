@@ -110,7 +110,7 @@ def _clear(
     """The best form under that of the `noises` which suits it, `standing` by free runs beside it, and all
     forms; None where it is not clearly the likelier: than no friction and than free runs, or, where it is
     `alike`, which was, than no friction."""
-    plain, rivals = _forms(scene, held, begun, noises)
+    plain, rivals = _forms(scene, held, begun, noises, crosses(scene, standing))
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):
         best = _as_stated(best, scene, held, noises)
@@ -243,11 +243,12 @@ def _rms(parts: Sequence[Array]) -> float:
 
 
 def _forms(
-    scene: Scene, held: Scene, begun: Sequence[Model], noises: Sequence[Noise]
+    scene: Scene, held: Scene, begun: Sequence[Model], noises: Sequence[Noise], damped: bool
 ) -> tuple[Judged | None, list[Judged]]:
     """The best without friction, from where the corrections stand and from nominal, and forms of friction
     where plain friction foretells best, under that of the `noises` that suits it; nothing where that
-    says no more than none does."""
+    says no more than none does, unless a damper stands that may be a friction (`damped`: a contact that
+    yields for long says less as plain friction than as a damper)."""
     trials, told = scene.trials, begun[0]
     short, glimpse, base = shortened(scene, LOOK), shortened(scene, GLANCE), told.base
     force = _rms([t.u for t in trials]) * base.simulator.force_per_input
@@ -260,7 +261,7 @@ def _forms(
     bare = plain.model.without(len(told.effects))
     without = [Slip(m, noise) for m in (*begun, bare) for noise in {plain.noise, *noises}]
     none = best_of(sorted(without, key=lambda h: -h.worth(short))[:LIKELIEST], trials, short)
-    if plain.worth(trials) < none.worth(trials) + HINT:
+    if not damped and plain.worth(trials) < none.worth(trials) + HINT:
         return None, []  # no other form is looked for where the plain one shows nothing
     spec = plain.model.effects[-1]
     level, options = (
