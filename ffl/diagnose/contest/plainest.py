@@ -12,6 +12,7 @@ from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import PLAINEST, plain_form
+from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 
 CONTACT = "presliding_friction"
@@ -47,7 +48,8 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     plain = plain_form(spec)
     assert plain is not None
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
-    plainer = replace(model, effects=effects, held=model.held - {SPRING})  # a table holds its line
+    line = {SPRING} if spec.name == TABLE and NAMES[SPRING] not in model.names else set()
+    plainer = replace(model, effects=effects, held=model.held - line)  # which the table held
     forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if eased else (8,))]
     tried = min(forms, key=lambda form: raw_error(held, form.model))
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.settle import DRY, level_of
+from ffl.diagnose.contest.settle import DRY, level_of, plain_form
 from ffl.diagnose.hypothesis.places import POINT
 from ffl.diagnose.predict.company import along
 from ffl.diagnose.predict.foretold import refitted
@@ -48,26 +48,16 @@ def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     for form in tried[1:]:
         if charged(form, trials) > charged(best, trials) + LEAST:
             best = form
-    plain = _as_plain(best, at, level)
+    plain = plain_form(best.model.effects[at])
     if plain is not None:  # another form may have come further with all other numbers
-        tried.append(settled(refitted(plain, trials), trials))
+        begun_there = in_place(best, best.model.names[at], plain)
+        tried.append(settled(refitted(begun_there, trials), trials))
         best = tried[-1] if charged(tried[-1], trials) > charged(best, trials) - LEAST else best
     rest = [form for form in tried if form.model.names != best.model.names]
     rivals = {name: told for name, told in company.rivals.items() if name != own.name}
     if rest:
         rivals[best.model.names[at]] = max(rest, key=lambda form: charged(form, trials))
     return Company(best, trials, rivals)
-
-
-def _as_plain(form: Told, at: int, level: float) -> Told | None:
-    """`form` with plain friction of its own level in the place of its dry friction; None where it is."""
-    spec = form.model.effects[at]
-    if spec.name == "coulomb_friction":
-        return None
-    kept = {k: v for k, v in spec.options.items() if k in POINT}
-    own = level_of(spec)
-    plain = EffectSpec("coulomb_friction", {"level": level if own is None else own}, kept)
-    return in_place(form, spec.name, plain)
 
 
 def in_the_mean(spec: EffectSpec) -> EffectSpec:
