@@ -13,7 +13,7 @@ from ffl.diagnose.hypothesis.model import LOAD, TABLE, Model, balanced
 from ffl.systems.plant import EffectSpec
 
 GAIN = "position_dependent_gain"
-SLIGHT = 0.05  # of the mass: what a gain by position may hold of it
+SLIGHT = 0.08  # of the mass: what a gain by position may hold of it
 TIE = 4.0  # score that a simpler name may cost
 KEPT = 20.0  # score that the stated mass may
 

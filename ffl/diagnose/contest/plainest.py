@@ -11,18 +11,24 @@ from ffl.diagnose.contest.evenly import TIE
 from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import PLAINEST, plain_form
+from ffl.diagnose.contest.settle import plain_form
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
+from ffl.diagnose.hypothesis.model import Model
+from ffl.systems.plant import EffectSpec
 
 CONTACT = "presliding_friction"
 # Of the sensor's noise: a way that no recording shows, and where the stiffness is unsure as well.
 FREE, LED = (0.1, 0.4), (0.5, 2.0)  # in free runs and led by an observer
 UNSURE = 0.4  # of a stiffness: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
+BY_DIRECTION = "asymmetric_friction"
+HOLDING = frozenset(
+    {"constant_load", "linear_stiffness", "drift", "gravity_torque", "preloaded_spring"}
+)
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
     "stribeck_friction": ("static_level", "coulomb_level"),
-    "asymmetric_friction": ("level_positive", "level_negative"),
+    BY_DIRECTION: ("level_positive", "level_negative"),
 }
 SPRING = "stiffness"  # the model's own, which a straight line of forces by position is
 FLAT = 0.02  # of the mean level: what lies between the levels of a table that has but one
@@ -36,7 +42,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     makes of standstill, or the jumps of an observer's corrections of the state, and is none of the
     machine's; nor are places told by levels that differ by a hundredth, or by a spring's straight line.
     (An extruder's 3 N, between 2.984 and 3.025.) Plain friction may have the numbers that were fitted
-    beside them."""
+    beside them; of a table whose levels either way are the same everywhere it has one for each direction."""
     model = judged.model
     index = next((k for k, name in enumerate(model.names) if name in SAME), None)
     if index is None or judged.predicted:
@@ -45,15 +51,16 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     eased = spec.name not in LEVELS
     if not SAME[spec.name](judged, index):
         return judged, outcome
-    plain = plain_form(spec)
-    assert plain is not None
+    plain = _plain(model, index)
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
     line = {SPRING} if spec.name == TABLE and NAMES[SPRING] not in model.names else set()
     plainer = replace(model, effects=effects, held=model.held - line)  # which the table held
     forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if eased else (8,))]
     tried = min(forms, key=lambda form: raw_error(held, form.model))
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
-    others = [p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (PLAINEST, spec.name)]
+    others = [
+        p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (plain.name, spec.name)
+    ]
     tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
     if eased:
         refused = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
@@ -61,10 +68,27 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
         refused = not tried.score > again.score - TIE
     if refused:
         return judged, outcome
-    names = [PLAINEST, spec.name, *(name for name, _ in others)]
+    names = [plain.name, spec.name, *(name for name, _ in others)]
     pairs = list(zip(names, [tried, again, *rest], strict=True))
     pairs = [pair for pair in pairs if not (eased and pair[0] == spec.name)]
-    return tried, replace(outcome, contenders={**outcome.contenders, PLAINEST: pairs})
+    return tried, replace(outcome, contenders={**outcome.contenders, plain.name: pairs})
+
+
+def _plain(model: Model, index: int) -> EffectSpec:
+    """Plain friction in the place of effect `index`: one level, or those of a table either way where no
+    other effect can hold what they differ by."""
+    spec = model.effects[index]
+    plain = plain_form(spec)
+    assert plain is not None
+    table = spec.parameters.get("table")
+    if not isinstance(table, Mapping) or HOLDING & set(model.names):
+        return plain
+    up, down = (float(np.mean(table[key])) for key in ("positive", "negative"))
+    if abs(up - down) < FLAT * (up + down):
+        return plain
+    return EffectSpec(
+        BY_DIRECTION, dict(zip(LEVELS[BY_DIRECTION], (up, down), strict=True)), plain.options
+    )
 
 
 def _one_level(judged: Judged, index: int) -> bool:

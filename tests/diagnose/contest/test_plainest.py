@@ -71,6 +71,26 @@ def test_a_table_of_one_level_is_plain_friction(stage, record, apart, said):  # 
         assert [name for name, _ in after.contenders[said]] == [said]
 
 
+def test_a_table_of_one_level_either_way_is_friction_by_direction(stage, record):  # type: ignore[no-untyped-def]
+    machine = EffectSpec("asymmetric_friction", {"level_positive": 3.5, "level_negative": 2.5})
+    values = {
+        "grid": [-0.1, 0.0, 0.1],
+        "positive": [3.51, 3.49, 3.5],
+        "negative": [2.49, 2.5, 2.51],
+    }
+    name = "position_dependent_friction"
+    table = EffectSpec(name, {"table": values, "level": 3.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
+    judged = judge(scene, None, model.with_effect(table), rounds=0)
+    held = replace(scene, trials=scene.trials[:1])
+    found, after = plainest(held, judged, Outcome(judged, [], held, {name: [(name, judged)]}))
+    assert found.model.names == ("asymmetric_friction",)
+    levels = found.model.effects[0].parameters
+    assert levels["level_positive"] == pytest.approx(3.5, rel=0.01)
+    assert levels["level_negative"] == pytest.approx(2.5, rel=0.01)
+    assert [each for each, _ in after.contenders["asymmetric_friction"]] == ["asymmetric_friction"]
+
+
 GRID = np.linspace(-1.0, 1.0, 5)
 
 

@@ -253,7 +253,7 @@ def test_a_tank_behind_a_lag_and_under_a_sensor_that_clips():
 
 
 def test_one_lag_whose_time_constant_is_off_misses_nothing():
-    """It had no number of its own: a cubic spring and a gain by position stood for it, 0.75 each."""
+    """It had no number of its own: a cubic spring and a gain by position stood for it, both unsure."""
     rng, step = np.random.default_rng(2), 0.02
     true, stated = (Plant("valve", Zpk([], [p], 25.0 * (1.0 - p), step), None, "bar", "mm")
                     for p in (np.exp(-step / 0.13), np.exp(-step / 0.125)))  # fmt: skip
