@@ -25,6 +25,8 @@ from ffl.systems.state_space import Array
 
 PLAIN = frozenset({"coulomb_friction", "asymmetric_friction", "stribeck_friction"})
 VISCOUS, DRAG, LOAD = "viscous_friction", "quadratic_drag", "constant_load"
+FALLING = "stribeck_friction"
+STEEPER = (1.0, 0.4)  # of the velocity over which a curve falls
 NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
 # Of a Stribeck curve to begin with: static over level, its speed in RMS speeds.
 RISE, EARLY = 1.3, 0.1
@@ -35,7 +37,8 @@ def two_for_two(
 ) -> Judged | None:
     """The best pair that comes within `NEAR` of `current`: drag for viscous friction, or viscous friction
     for drag, beside any plain form of the dry friction; drag for damping of its own beyond the contract's
-    line with fewer numbers alone; a Stribeck curve and a load for levels by direction and one of the two.
+    line with fewer numbers alone, or beside a Stribeck curve that falls over less; a Stribeck curve and a
+    load for levels by direction and one of the two.
     None where none does: under its own noise it may yet be ahead."""
     model = current.model
     dry = next((spec for spec in model.effects if spec.name in PLAIN), None)
@@ -48,17 +51,20 @@ def two_for_two(
     company = model
     for spec in (dry, *smooth):
         company = company.without(company.names.index(spec.name))
-    near = []
+    near, bare = [], {k: v for k, v in model.corrections.items() if k != "damping"}
     speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
     usual = float(np.sqrt(np.mean(speed**2))) or 1.0
     pairs = [(company, pair) for pair in _pairs(speed, usual, dry, own)]
     if smooth and dry.name == "asymmetric_friction" and LOAD not in model.names:
-        corrections = {k: v for k, v in model.corrections.items() if k != "damping"}
-        pairs.append((replace(company, corrections=corrections), _with_load(usual, dry)))
+        pairs.append((replace(company, corrections=bare), _with_load(usual, dry)))
+    if not smooth and dry.name == FALLING:
+        within = replace(company, corrections=bare)
+        pairs += [(within, pair) for pair in _steeper(speed, usual, dry, own)]
     for other, pair in pairs:
         for spec in pair:
             other = other.with_effect(spec)
-        if not smooth and len(other.coordinates) >= len(model.coordinates):
+        more = not smooth and len(other.coordinates) >= len(model.coordinates)
+        if more and "damping" in other.corrections:
             continue  # one effect more, which must earn its place as others do
         rival = judge(quiet, held, other, 8)
         if not credible(rival):
@@ -66,7 +72,8 @@ def two_for_two(
         ahead, stands = levelled([rival, current])
         gained = ahead.score - stands.score
         say(f"  {pair[0].name} and {pair[1].name} for {dry.name} and {own.name}: {gained:+.1f}")
-        near.append((gained, rival))
+        if not more or gained > 0.0:
+            near.append((gained, rival))
     gained, rival = max(near, key=lambda way: way[0], default=(-np.inf, None))
     return rival if gained > -NEAR else None
 
@@ -86,10 +93,33 @@ def _pairs(
     forms = {
         "coulomb_friction": {"level": level},
         "asymmetric_friction": {"level_positive": level, "level_negative": level},
-        "stribeck_friction": _falling(level, usual),
+        FALLING: _falling(level, usual),
     }
     options = {k: v for k, v in dry.options.items() if k in POINT}
     return [(EffectSpec(form, values, options), beside) for form, values in forms.items()]
+
+
+def _steeper(
+    speed: Array, usual: float, dry: EffectSpec, smooth: EffectSpec
+) -> list[tuple[EffectSpec, EffectSpec]]:
+    """Stribeck curves that fall over less, each beside drag, nearest to the same force over each `speed`.
+    (A curve that a damper pulls down falls too slowly and too far; no step on the way to drag helps.)"""
+    values, out = dry.parameters, []
+    drawn = _dry(dry, speed) + smooth.parameters["coefficient"] * speed
+    options = {k: v for k, v in dry.options.items() if k in POINT}
+    for share in STEEPER:
+        velocity = share * values["stribeck_velocity"]
+        falling = np.exp(-((speed / velocity) ** 2))
+        table = np.column_stack([np.ones(len(speed)), falling, (speed / usual) ** 2])
+        level, rise, most = scipy.optimize.nnls(table, drawn)[0]
+        curve = {
+            "coulomb_level": level,
+            "static_level": level + rise,
+            "stribeck_velocity": velocity,
+        }
+        drag = EffectSpec(DRAG, {"coefficient": most / usual**2}, options)
+        out.append((EffectSpec(FALLING, curve, options), drag))
+    return out
 
 
 def _with_load(usual: float, dry: EffectSpec) -> tuple[EffectSpec, EffectSpec]:
@@ -99,7 +129,7 @@ def _with_load(usual: float, dry: EffectSpec) -> tuple[EffectSpec, EffectSpec]:
     ways = dry.parameters["level_positive"], dry.parameters["level_negative"]
     curve = _falling(0.5 * sum(ways), usual)
     load = EffectSpec(LOAD, {"force": 0.5 * (ways[1] - ways[0])}, options)
-    return EffectSpec("stribeck_friction", curve, options), load
+    return EffectSpec(FALLING, curve, options), load
 
 
 def _falling(level: float, usual: float) -> dict[str, float]:

@@ -22,12 +22,13 @@ CONTACT = "presliding_friction"
 FREE, LED = (0.1, 0.4), (0.5, 2.0)  # in free runs and led by an observer
 UNSURE = 0.4  # of a stiffness: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
+FALLING = "stribeck_friction"
 BY_DIRECTION = "asymmetric_friction"
 HOLDING = frozenset(
     {"constant_load", "linear_stiffness", "drift", "gravity_torque", "preloaded_spring"}
 )
 LEVELS = {  # the two that a form of dry friction has, where plain friction has one
-    "stribeck_friction": ("static_level", "coulomb_level"),
+    FALLING: ("static_level", "coulomb_level"),
     BY_DIRECTION: ("level_positive", "level_negative"),
 }
 SPRING = "stiffness"  # the model's own, which a straight line of forces by position is
@@ -40,23 +41,27 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     numbers since. (A robot's axis: 104.7 N m at standstill and 104.7 +- 110 in motion, beside a mass that
     had crossed the line.) A contact that gives way over less than any sensor shows eases what rounding
     makes of standstill, or the jumps of an observer's corrections of the state, and is none of the
-    machine's; nor are places told by levels that differ by a hundredth, or by a spring's straight line.
-    (An extruder's 3 N, between 2.984 and 3.025.) Plain friction may have the numbers that were fitted
-    beside them; of a table whose levels either way are the same everywhere it has one for each direction."""
+    machine's; nor is a fall over a velocity that no recording shows, nor are places told by levels that
+    differ by a hundredth, or by a spring's straight line. (An extruder's 3 N, between 2.984 and 3.025.)
+    Plain friction may have the numbers that were fitted beside them; of a table whose levels either way
+    are the same everywhere it has one for each direction."""
     model = judged.model
     index = next((k for k, name in enumerate(model.names) if name in SAME), None)
     if index is None or judged.predicted:
         return judged, outcome
     spec = model.effects[index]
-    eased = spec.name not in LEVELS
+    eased = spec.name not in LEVELS or (spec.name == FALLING and not _one_level(judged, index))
     if not SAME[spec.name](judged, index):
         return judged, outcome
     plain = _plain(model, index)
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
     line = {SPRING} if spec.name == TABLE and NAMES[SPRING] not in model.names else set()
     plainer = replace(model, effects=effects, held=model.held - line)  # which the table held
-    forms = [judge(judged.scene, held, plainer, n) for n in ((8, 0) if eased else (8,))]
-    tried = min(forms, key=lambda form: raw_error(held, form.model))
+    forms = [judge(judged.scene, held, plainer, rounds) for rounds in (8, 0)]
+    if eased:
+        tried = min(forms, key=lambda form: raw_error(held, form.model))
+    else:
+        tried = max(levelled(forms), key=lambda form: form.score)
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     others = [
         p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (plain.name, spec.name)
@@ -130,8 +135,16 @@ def _spread(judged: Judged, index: int, name: str) -> float:
     return 0.0
 
 
+def _told_nowhere(judged: Judged, index: int) -> bool:
+    """Whether the levels of a Stribeck curve are one, or the velocity over which it falls is less sure than
+    large."""
+    velocity = float(judged.model.effects[index].parameters["stribeck_velocity"])
+    return _one_level(judged, index) or _spread(judged, index, "stribeck_velocity") > velocity
+
+
 SAME = {  # forms of dry friction, and when each is plain friction by another name
-    **dict.fromkeys(LEVELS, _one_level),
+    FALLING: _told_nowhere,
+    BY_DIRECTION: _one_level,
     CONTACT: unseen,
     TABLE: _flat,
 }

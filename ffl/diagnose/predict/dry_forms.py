@@ -60,6 +60,22 @@ def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     return Company(best, trials, rivals)
 
 
+def plainly(
+    company: Company[Told], found: Told, trials: Sequence[Trial]
+) -> tuple[Company[Told], Told]:
+    """(`company`, `found`) with the plainest friction, where its form is not clearly ahead on all `trials`:
+    it was told on fewer. (Plain friction of 2 N beside a play was Stribeck's, 2.0200 N and 2.0204.)"""
+    own = next((s for s in found.model.effects if s.name in DRY), None)
+    plain = None if own is None else plain_form(own)
+    if own is None or plain is None:
+        return company, found
+    tried = refitted(in_place(found, own.name, plain), trials)
+    if charged(tried, trials) < charged(found, trials) - LEAST:
+        return company, found
+    rivals = {name: told for name, told in company.rivals.items() if name != own.name}
+    return Company(tried, company.trials, {**rivals, plain.name: company.found}), tried
+
+
 def in_the_mean(spec: EffectSpec) -> EffectSpec:
     """A table by position as its mean either way, the form to begin with: which form it is, is asked in the
     end (`formed`). Others as they are. (A play was looked for through the 18 numbers of a table for 6

@@ -21,7 +21,7 @@ from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import along, separable
-from ffl.diagnose.predict.dry_forms import formed
+from ffl.diagnose.predict.dry_forms import formed, plainly
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import (
     LEAST,
@@ -78,7 +78,7 @@ def with_loose_head(
     company = formed(exchanged(proven(company, regapped), regapped), regapped)
     scene = clocked(scene, company)
     trials = scene.trials
-    found = claimed(polished(company.found, trials), scene)
+    company, found = plainly(company, claimed(polished(company.found, trials), scene), trials)
 
     def told_of(found: Slip) -> Judged | None:
         return _judged(found, scene, held, trials, prior)

@@ -29,7 +29,7 @@ from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.predict.balance import rubbing
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.dry_forms import formed, in_the_mean
+from ffl.diagnose.predict.dry_forms import formed, in_the_mean, plainly
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.predict.joining import (
     Company,
@@ -113,7 +113,7 @@ def with_rattling(
     behind_by = found.worth(scene.trials) - company.found.worth(scene.trials)
     if behind_by < (LEAST if fewer else 0.0):  # a plainer form need not foretell more
         found = settled(company.found, scene, LOOSENESS[1:])
-    found = crossed(found, scene)
+    company, found = plainly(company, crossed(found, scene), scene.trials)
 
     def told_of(other: Hypothesis) -> Judged | None:
         fitted, factor = other.scaled(scene.trials)

@@ -65,3 +65,18 @@ def test_a_stribeck_curve_and_a_load_for_levels_by_direction_and_drag(stage, rec
     curve, weight = (spec.parameters for spec in found.model.effects)
     assert curve == pytest.approx(falling, rel=0.05)
     assert weight["force"] == pytest.approx(-0.9, rel=0.05)
+
+
+def test_a_steeper_curve_and_drag_for_a_curve_pulled_down_by_damping(stage, record, scenes):
+    """The damping is the model's own, of which nothing was said: the pair is one effect more."""
+    falling = {"coulomb_level": 1.6, "static_level": 2.6, "stribeck_velocity": 0.008}
+    machine = replace(stage, effects=(EffectSpec("stribeck_friction", falling), DRAG))
+    slow = {"coulomb_level": 1.0, "static_level": 2.4, "stribeck_velocity": 0.02}
+    scene, held, judged = standing(scenes, record(machine), EffectSpec("stribeck_friction", slow))
+    assert judged.model.corrections["damping"] > 0.1
+    found = two_for_two(scene, held, judged, lambda line: None)
+    assert found is not None
+    assert found.model.names == ("stribeck_friction", "quadratic_drag")
+    curve, drag = (spec.parameters for spec in found.model.effects)
+    assert curve["coulomb_level"] == pytest.approx(1.6, rel=0.05)
+    assert drag["coefficient"] == pytest.approx(60.0, rel=0.1)
