@@ -54,15 +54,20 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     if not SAME[spec.name](judged, index):
         return judged, outcome
     plain = _plain(model, index)
-    effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
     line = {SPRING} if spec.name == TABLE and NAMES[SPRING] not in model.names else set()
-    plainer = replace(model, effects=effects, held=model.held - line)  # which the table held
-    forms = [judge(judged.scene, held, plainer, rounds) for rounds in (8, 0)]
+    again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
+
+    def plainer(like: Model, rounds: int) -> Judged:
+        effects = tuple(plain if k == index else e for k, e in enumerate(like.effects))
+        free = replace(like, effects=effects, held=like.held - line)  # which the table held
+        return judge(judged.scene, held, free, rounds)
+
+    forms = [plainer(model, rounds) for rounds in (8, 0)]
     if eased:
         tried = min(forms, key=lambda form: raw_error(held, form.model))
-    else:
+    else:  # around a play no two fits end at the same numbers: from those of `again` as well
+        forms += [plainer(again.model, rounds) for rounds in (4, 0)]
         tried = max(levelled(forms), key=lambda form: form.score)
-    again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     others = [
         p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (plain.name, spec.name)
     ]

@@ -35,11 +35,13 @@ from ffl.diagnose.proof.experiments import (
 )
 from ffl.diagnose.recorded.trials import Trial, rest_under
 from ffl.effects import EFFECTS
+from ffl.machines.simulator import Simulator
 from ffl.systems.state_space import Array
 
 ENOUGH = 5.0  # standard deviations that tell two hypotheses apart
 SHRINKS = 6  # halvings of an experiment whose command leaves the range seen
 ROOM = 1.05  # of the range of the command seen
+DRIFTS = 1e-12  # of the largest singular value of a plant: the least of one that integrates
 DOUBT = 0.03  # probability of a rival from which it is worth an experiment
 SHARPER = 1.1  # fold: an experiment that takes no more off a standard error is not worth its run
 SHARP = 0.05  # relative standard error above which a parameter is worth an experiment
@@ -172,7 +174,8 @@ def _trial(model: Model, signal: Array, lim: Limits, step: float, closed: bool) 
         start = simulator.at_rest(lim.middle)
     else:
         reference, command = zero, 0.5 * sum(lim.command) + signal
-        start = rest_under(simulator, float(command[0]), float(command[0]), lim.middle)
+        first = float(command[0])
+        start = rest_under(simulator, first, first, _rests_at(simulator, first, lim))
     return Trial(
         "experiment",
         0.0,
@@ -187,6 +190,15 @@ def _trial(model: Model, signal: Array, lim: Limits, step: float, closed: bool) 
         True,
         simulator.mechanics,
     )
+
+
+def _rests_at(simulator: Simulator, command: float, lim: Limits) -> float:
+    """Where an open-loop plant rests under a constant command; the middle of the travel if it drifts."""
+    m, n = simulator.mechanics, simulator.mechanics.own
+    values = np.linalg.svd(m.a[:n, :n], compute_uv=False)
+    if not n or values[-1] < DRIFTS * values[0]:
+        return lim.middle
+    return -command * float(m.c[:n] @ np.linalg.solve(m.a[:n, :n], m.b[:n]))
 
 
 def _runs(model: Model | FreeModel, trial: Trial, design: Design) -> Array | None:

@@ -9,8 +9,9 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.starts import with_starts
-from ffl.diagnose.recorded.trials import prepare
+from ffl.diagnose.recorded.trials import prepare, rest_under
 from ffl.systems.plant import EffectSpec
+from ffl.systems.plant_file import plant_from_dict
 
 CONTACTS = {
     "slides": EffectSpec(
@@ -89,3 +90,20 @@ def test_who_was_taken_to_move_is_at_rest_again_for_the_next_model(stage, record
     (settled,) = with_starts(scene, Model(base)).trials
     assert settled.at_rest
     np.testing.assert_array_equal(settled.start, trial.start)
+
+
+def test_a_valve_rests_where_it_is_seen_whatever_the_model_makes_of_its_command():
+    """Its dead zone swallows the first command; the model without it makes 0.4 bar of that."""
+    plant = plant_from_dict(
+        {
+            "name": "valve",
+            "sample_time": 0.002,
+            "units": {"input": "V", "output": "bar"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [-2.5], "gain": 10.0},
+        }
+    )
+    base = Base.of(plant, 10.0)
+    for seen, command in ((0.0, 0.1), (0.4, 0.1), (-2.0, 0.0)):
+        start = rest_under(base.simulator, command, command, seen)
+        run = base.simulator.run((), feedforward=np.full(4, command), start=start)
+        assert run.y[0] == pytest.approx(seen, abs=1e-9)
