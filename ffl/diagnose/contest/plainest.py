@@ -51,6 +51,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
         return judged, outcome
     spec = model.effects[index]
     eased = spec.name not in LEVELS or (spec.name == FALLING and not _one_level(judged, index))
+    eased = eased or "backlash" in model.names  # around a play no two fits end at the same numbers
     if not SAME[spec.name](judged, index):
         return judged, outcome
     plain = _plain(model, index)
@@ -65,8 +66,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     forms = [plainer(model, rounds) for rounds in (8, 0)]
     if eased:
         tried = min(forms, key=lambda form: raw_error(held, form.model))
-    else:  # around a play no two fits end at the same numbers: from those of `again` as well
-        forms += [plainer(again.model, rounds) for rounds in (4, 0)]
+    else:
         tried = max(levelled(forms), key=lambda form: form.score)
     others = [
         p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (plain.name, spec.name)

@@ -20,6 +20,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict.balance import humming
 from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.dry_forms import formed, plainly
 from ffl.diagnose.predict.foretold import refitted
@@ -70,7 +71,8 @@ def with_loose_head(
     if left is not None and not unexplained(scene, left, told, prior):
         return outcome
     say("a play of what is measured is looked for from sample to sample")
-    begun = start(scene, told, standing.model)
+    scene, sines = humming(scene, told)
+    begun = start(scene, told, standing.model, sines)
     if begun is None or spared(begun, scene, standing.model):
         return outcome
     short = tuple(shortened(scene, LOOK))
@@ -112,12 +114,13 @@ def able(spec: EffectSpec) -> bool:
     return spec.name in LINEAR or spec.name in FORMS or along(spec) or separable(spec)
 
 
-def start(scene: Scene, told: Model, stood: Model) -> Slip | None:
+def start(scene: Scene, told: Model, stood: Model, sines: Sequence[EffectSpec] = ()) -> Slip | None:
     """The best gap of a grid, fitted, under the least noise that shows it; None where no gap foretells
     better than none. (Who else is missing hides a play where the filter trusts a model without it; more
     force noise lets it follow.)"""
     trials, travel = shortened(scene, GLANCE), told.base.travel
     bare = [told, replace(told, corrections=stood.corrections)]
+    bare += [told.with_effect(sine) for sine in sines]
     if Slip(told, scene.noise).predict(trials) is None:
         return None
     for loose in LEVELS:

@@ -43,6 +43,7 @@ GLANCE, LOOK = 5000, 10000  # samples of all recordings that the grid and the fi
 # Times the force noise: what it is more than stated holds the state to what is seen, as long as the
 # numbers are off, and makes one broad valley of many narrow ones.
 LOOSENESS = (30.0, 10.0, 3.0, 1.0)
+WIDTHS = np.geomspace(0.25, 4.0, 20)  # times a gap that was found: others that are tried
 GRIDS = 2  # levels at which a grid of gaps is looked at: a heavy load hides under the loosest
 LAST = (0.02, 0.01, 0.005)  # the same and of the mass at the end
 ALONG = (0.1, 0.05, 0.02, 0.01)  # the same, of the combination that the samples see least
@@ -201,6 +202,18 @@ def settled(begun: Hypothesis, scene: Scene, levels: Sequence[float] = LOOSENESS
     best = moved(refitted(best, scene.trials), scene.trials, LAST, mass=True)
     best = _moved_along(refitted(best, scene.trials), scene.trials)
     return refitted(best, scene.trials)
+
+
+def regridded(found: Hypothesis, scene: Scene) -> Hypothesis:
+    """`found`, or from another width of its gap, all else as it stands, where that foretells better: the
+    likelihood has a hill wherever contacts fall on other samples. (1.81 mm beside a sine and friction
+    that were right: 0.80, the truth, is 820 ahead.)"""
+    at, theta = gap_at(found.model), found.theta
+    others = [np.where(np.arange(len(theta)) == at, factor * theta, theta) for factor in WIDTHS]
+    best = max((found.at(other) for other in others), key=lambda h: h.worth(scene.trials))
+    if best.worth(scene.trials) <= found.worth(scene.trials):
+        return found
+    return settled(best, scene, (1.0,))
 
 
 def _along_valley(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:

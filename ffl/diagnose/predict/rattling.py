@@ -27,7 +27,7 @@ from ffl.diagnose.hypothesis.places import POINT, Place, places_of, point_of
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
-from ffl.diagnose.predict.balance import rubbing
+from ffl.diagnose.predict.balance import humming, rubbing
 from ffl.diagnose.predict.company import separable
 from ffl.diagnose.predict.dry_forms import formed, in_the_mean, plainly
 from ffl.diagnose.predict.foretold import Told, refitted
@@ -51,6 +51,7 @@ from ffl.diagnose.predict.play import (
     Hypothesis,
     able,
     closed,
+    regridded,
     settled,
     shortened,
     start,
@@ -98,7 +99,9 @@ def with_rattling(
     if rigid and _mapped(replace(standing.scene, noise=prior), outcome.held or held, told):
         return outcome
     levels = LOOSENESS if loud else LOOSENESS[QUIET:]
-    begun, levels = started(scene, told, standing.model.effects, levels, GRIDS if loud else 1)
+    scene, sines = humming(scene, told)
+    named = standing.model.effects
+    begun, levels = started(scene, told, named, sines, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
     if behind(begun, scene, standing, BEHIND) or not brings(begun, scene):
@@ -113,6 +116,7 @@ def with_rattling(
     behind_by = found.worth(scene.trials) - company.found.worth(scene.trials)
     if behind_by < (LEAST if fewer else 0.0):  # a plainer form need not foretell more
         found = settled(company.found, scene, LOOSENESS[1:])
+    found = regridded(found, scene)
     company, found = plainly(company, crossed(found, scene), scene.trials)
 
     def told_of(other: Hypothesis) -> Judged | None:
@@ -145,11 +149,17 @@ def with_rattling(
 
 
 def started(
-    scene: Scene, told: Model, named: Sequence[EffectSpec], levels: Sequence[float], most: int
+    scene: Scene,
+    told: Model,
+    named: Sequence[EffectSpec],
+    sines: Sequence[EffectSpec],
+    levels: Sequence[float],
+    most: int,
 ) -> tuple[Hypothesis | None, Sequence[float]]:
     """The play to begin with, and the levels from there, of the company beside which it foretells best:
     what was `named` of the drive and the scale, all of it that the filter can take, its dry friction on
-    either side of the play, or dry friction or a damper as the balance of forces has it, on either side."""
+    either side of the play, or dry friction or a damper as the balance of forces has it, on either side;
+    one of the `sines` that this balance leaves, with the friction of any of these."""
     named = [in_the_mean(spec) for spec in named]
     apart = tuple(spec for spec in named if separable(spec))
     whole = tuple(spec for spec in named if able(spec))
@@ -164,6 +174,13 @@ def started(
     for force in rubbing(scene.trials, told):
         companies += [(*apart, replace(force, options=place.options)) for place in places]
     ways = [start(scene, replace(told, effects=own), levels, most) for own in companies]
+    bare = [tuple(s for s in own if s.name in DRY) for own in ((), *companies)]
+    plain = [own for k, own in enumerate(bare) if own not in bare[:k]]
+    for own, sine, place in itertools.product(plain, sines, places):
+        effects = (*own, replace(sine, options=place.options))
+        way = start(scene, replace(told, effects=effects), levels[:1], 1)[0]
+        # Its frequency is a little off, and no gap of a grid is right beside it under less noise.
+        ways.append((way and refitted(way, shortened(scene, LOOK)), levels))
     found = [
         (begun.worth(scene.trials), begun, after) for begun, after in ways if begun is not None
     ]

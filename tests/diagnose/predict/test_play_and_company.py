@@ -8,7 +8,7 @@ from test_rattling import NOISE, STEP, path, plant, rigid, scene_of  # noqa: F40
 
 from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.noise.noise import partly_coloured
-from ffl.diagnose.predict.balance import rubbing
+from ffl.diagnose.predict.balance import humming, rubbing
 from ffl.diagnose.predict.dry_forms import formed
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import Company
@@ -65,6 +65,27 @@ def test_levels_are_read_from_the_balance_of_forces(plant, levels):  # noqa: F81
         assert max(found.get("asymmetric_friction", {"none": 0.0}).values()) < 1.0
 
 
+@pytest.mark.parametrize("amplitude", [6.0, 0.0])
+def test_a_disturbance_is_read_from_the_balance_of_forces(plant, amplitude):  # noqa: F811
+    """In the phase of the first recording, and with clocks that are not known on clocks in step with it."""
+    hum = EffectSpec(
+        "periodic_disturbance", {"amplitude": amplitude, "frequency": 3.3, "phase": 0.4}
+    )
+    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS, hum))
+    late = [replace(t, start_time=t.start_time + 0.05 * k) for k, t in enumerate(scene.trials)]
+    scene = replace(scene, trials=tuple(late), free_clocks=True)
+    on, sines = humming(scene, model)
+    if not amplitude:
+        assert not sines
+        assert on is scene
+        return
+    (sine,) = sines
+    assert sine.parameters["frequency"] == pytest.approx(3.3, rel=0.02)
+    assert sine.parameters["amplitude"] == pytest.approx(6.0, rel=0.4)
+    assert sine.parameters["phase"] == pytest.approx(0.4, abs=0.6)
+    assert on.trials[1].start_time == pytest.approx(on.trials[0].start_time, abs=0.03)
+
+
 def test_a_damper_is_read_from_the_balance_of_forces(plant):  # noqa: F811
     damper = EffectSpec(
         "viscous_friction", {"coefficient": 80.0}, {"side": "motor", "mass_ratio": RATIO}
@@ -77,7 +98,7 @@ def test_a_damper_is_read_from_the_balance_of_forces(plant):  # noqa: F811
 def test_play_and_friction_are_found_together_and_the_friction_keeps_its_form(plant):  # noqa: F811
     scene, model = scene_of(plant, recorded(plant, PLAY, RUBS))
     scene = replace(scene, noise=partly_coloured(NOISE))
-    begun, levels = started(scene, model, (), LOOSENESS, 2)
+    begun, levels = started(scene, model, (), (), LOOSENESS, 2)
     assert begun is not None
     company = accompanied(settled(begun, scene, levels), scene)
     assert company.found.model.names == ("asymmetric_friction", "backlash")
@@ -92,7 +113,7 @@ def test_play_and_friction_are_found_together_and_the_friction_keeps_its_form(pl
 def test_a_play_by_itself_gets_no_company(plant):  # noqa: F811
     scene, model = scene_of(plant, recorded(plant, PLAY))
     scene = replace(scene, noise=partly_coloured(NOISE))
-    begun, levels = started(scene, model, (), LOOSENESS, 2)
+    begun, levels = started(scene, model, (), (), LOOSENESS, 2)
     assert begun is not None
     assert accompanied(settled(begun, scene, levels), scene).found.model.names == ("backlash",)
 
@@ -105,7 +126,7 @@ def test_a_gain_by_position_joins_a_play(plant):  # noqa: F811
     assert able(gain)
     scene, model = scene_of(plant, recorded(plant, PLAY, gain))
     scene = replace(scene, noise=partly_coloured(NOISE))
-    begun, levels = started(scene, model, (), LOOSENESS, 2)
+    begun, levels = started(scene, model, (), (), LOOSENESS, 2)
     assert begun is not None
     found = accompanied(settled(begun, scene, levels), scene).found
     assert found.model.names == ("position_dependent_gain", "backlash")
