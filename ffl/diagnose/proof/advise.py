@@ -12,7 +12,7 @@ noise; half its square is the log-likelihood ratio to be expected.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -253,16 +253,18 @@ def _beyond(d: Array, j: Array, covariance: Array) -> float:
 # --- which one ------------------------------------------------------------------------------------
 
 
-def plan(scene: Scene, standing: Fit, outcome: Outcome, nameless: Contest) -> Experiment | None:
+def plan(
+    scene: Scene, standing: Fit, outcome: Outcome, nameless: Contest, told: Collection[int]
+) -> Experiment | None:
     """The experiment that the answer needs most: against the rival in doubt, for a map against the
-    best name, else for the number known worst."""
+    best name, else for the number known worst, of the effects that are `told`, by their places."""
     names = standing.model.names
     winner = nameless.winner
     if nameless.verdict == "unnamed" and winner is not None:
         rival = standing if names else _runner_up(outcome) or standing
         label = " + ".join(rival.model.names) or "nothing missing"
         return separate(scene, winner.free, rival, (f"the map of {winner.name}", label))
-    for name in names:
+    for name in [name for index, name in enumerate(names) if index in told]:
         rivals = probabilities(name, outcome.contenders)
         near = max((n for n in rivals if n != name), key=lambda n: rivals[n], default=None)
         if near is not None and rivals[near] > DOUBT:
@@ -273,7 +275,7 @@ def plan(scene: Scene, standing: Fit, outcome: Outcome, nameless: Contest) -> Ex
         if rival is None:
             return None
         return separate(scene, standing.model, rival, ("nothing missing", rival.model.names[-1]))
-    return _vaguest(scene, standing)
+    return _vaguest(scene, standing, told)
 
 
 def _runner_up(outcome: Outcome) -> Fit | None:
@@ -282,10 +284,10 @@ def _runner_up(outcome: Outcome) -> Fit | None:
     return max(rivals, key=lambda r: r.score).fit if rivals else None
 
 
-def _vaguest(scene: Scene, standing: Fit) -> Experiment | None:
+def _vaguest(scene: Scene, standing: Fit, told: Collection[int]) -> Experiment | None:
     worst, index = SHARP, -1
     for k, (c, spread) in enumerate(zip(standing.model.coordinates, standing.spread, strict=True)):
-        if c.kind != "effect" or c.place is not None:
+        if c.kind != "effect" or c.effect not in told or c.place is not None:
             continue
         parameter = EFFECTS[standing.model.names[c.effect]].parameter(c.name)
         value = 1.0 if c.log else abs(float(standing.model.theta[k]))

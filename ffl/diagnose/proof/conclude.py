@@ -176,7 +176,7 @@ def conclude(
     experiment = None
     if said != "nothing_missing" and not another and not observed:
         with suppress(InputError):  # limits too narrow for any move or wave
-            experiment = plan(standing.scene, standing.fit, outcome, nameless)
+            experiment = plan(standing.scene, standing.fit, outcome, nameless, told)
     moved = corrections(standing) if bare is standing.model else ()
     if maps and augmented is not model:
         moved = beside_maps(bare)

@@ -13,7 +13,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps import freeform
-from ffl.diagnose.maps.formula import Shape, _brake, _cost
+from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost
 from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
 from ffl.diagnose.maps.gains import within_the_line
@@ -222,3 +222,14 @@ def test_a_little_damping_elsewhere_is_no_physics(
     white = np.zeros(scene.samples)
     free = FreeForm(FreeModel(model, (part,)), scene, 0.0, white, white, white.astype(bool))
     assert within_the_line(scene, free) is within
+
+
+def test_terms_that_undo_one_another_are_no_formula():
+    """Two steps at one place draw whatever lies between them."""
+    z = np.linspace(-1.0, 1.0, 9)
+    bump = np.where(np.abs(z) < 0.3, z, 0.0)
+    r = np.eye(len(z))
+    sign, line = Shape("sign({z})", np.sign), Shape("{z}", lambda z: z)
+    steep = Shape("tanh({z}/{0})", lambda z, w: np.tanh(z / w), (0.05,))
+    assert _cancel([sign, steep], z, r, bump)
+    assert not _cancel([sign, line], z, r, bump)
