@@ -13,6 +13,7 @@ from ffl.diagnose.contest.line import across_the_line, against_the_refused
 from ffl.diagnose.contest.plainest import plainest
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
+from ffl.diagnose.hypothesis.harmonics import without_faint
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.heard import with_modes_heard
 from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
@@ -243,6 +244,7 @@ def _named(
         standing = across_the_line(standing.scene, held, standing)
         standing, outcome = against_the_refused(held, standing, outcome)
         standing, outcome = plainest(held, standing, outcome)
+        standing = without_faint(held, standing)
     standing = with_modes_heard(held, standing)
     held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials
