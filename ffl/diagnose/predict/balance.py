@@ -156,7 +156,10 @@ def _slow(trials: Sequence[Trial], model: Model) -> list[_Balance]:
     for at, t, table, force in parts:
         clear = np.abs(table[:, 3]) > CLEAR * usual
         clear[:window], clear[-window:] = False, False
-        out.append(_Balance(at, t[clear], clear, len(t), window, table[clear], force[clear]))
+        if clear.any():
+            out.append(_Balance(at, t[clear], clear, len(t), window, table[clear], force[clear]))
+    if not out:
+        return []
     ways = np.concatenate([part.table[:, 1:3] for part in out])
     return out if np.count_nonzero(ways, axis=0).min() >= ENOUGH * window else []
 

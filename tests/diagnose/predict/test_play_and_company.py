@@ -86,6 +86,16 @@ def test_a_disturbance_is_read_from_the_balance_of_forces(plant, amplitude):  # 
     assert on.trials[1].start_time == pytest.approx(on.trials[0].start_time, abs=0.03)
 
 
+def test_a_recording_at_standstill_says_nothing_of_a_disturbance(plant):  # noqa: F811
+    hum = EffectSpec("periodic_disturbance", {"amplitude": 6.0, "frequency": 3.3, "phase": 0.4})
+    runs = recorded(plant, PLAY, RUBS, hum)
+    still = replace(runs[0], r=0 * runs[0].r, y=0 * runs[0].y, u=0 * runs[0].u)
+    scene, model = scene_of(plant, [still, runs[1]])
+    assert len(humming(scene, model)[1]) == 1
+    scene, model = scene_of(plant, [still, still])
+    assert not humming(scene, model)[1]
+
+
 def test_a_damper_is_read_from_the_balance_of_forces(plant):  # noqa: F811
     damper = EffectSpec(
         "viscous_friction", {"coefficient": 80.0}, {"side": "motor", "mass_ratio": RATIO}
