@@ -12,12 +12,15 @@ from ffl.systems.state_space import Array
 @dataclass(frozen=True)
 class Extent:
     """How far recordings reach: `duration` of the longest, s; `travel`, from the least y of all to the
-    largest, and `largest` |y| beyond noise, in output units; top `speed`, those per second."""
+    largest, `lowest` and `highest`, and `largest` |y| beyond noise, in output units; top `speed`, those per
+    second."""
 
     duration: float
     travel: float = np.inf
     largest: float = 0.0
     speed: float = np.inf
+    lowest: float = -np.inf
+    highest: float = np.inf
 
 
 @dataclass(frozen=True)

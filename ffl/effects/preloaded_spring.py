@@ -73,8 +73,10 @@ class PreloadedSpring(Effect):
         return float(packed[0] / packed[2])
 
     def credible(self, spec: EffectSpec, extent: Extent) -> bool:
-        width = float(spec.parameters["width"])
-        return NARROWEST * extent.travel < width < WIDEST * extent.travel
+        """A spring of which one end alone was passed, the other made up for by a load, is an end stop."""
+        width, centre = (float(spec.parameters[name]) for name in ("width", "centre"))
+        passed = extent.lowest < centre - width and centre + width < extent.highest
+        return passed and NARROWEST * extent.travel < width < WIDEST * extent.travel
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         at = motion.middle + motion.span * np.linspace(-0.5, 0.5, PLACES + 2)[1:-1]

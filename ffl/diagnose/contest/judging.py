@@ -21,8 +21,8 @@ from ffl.diagnose.noise.slow import gained_in_own_noise, slowly
 from ffl.diagnose.noise.spread import spread
 from ffl.diagnose.recorded.commands import lets_through
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
+from ffl.diagnose.recorded.trials import extent
 from ffl.effects import EFFECTS
-from ffl.effects.modal import is_speed
 from ffl.effects.motion import Extent
 from ffl.systems.state_space import Array
 
@@ -273,13 +273,18 @@ def credible(judged: Judged) -> bool:
     if not np.isfinite(judged.score):
         return False  # it ran away, or no machine has such numbers
     model = judged.model
-    if not all(EFFECTS[e.name].credible(e, _extent(judged)) for e in model.effects):
+    if not all(EFFECTS[e.name].credible(e, _reach(judged)) for e in model.effects):
         return False
     if not all(lets_through(e, model.base.passing) for e in model.effects):
         return False
     if starved(model) or (model.effects and is_another(model)):
         return False
     return all(netted(judged.scene, model, name) is None for name in NAMES)
+
+
+def _reach(judged: Judged) -> Extent:
+    base = judged.model.base
+    return extent(judged.scene.trials, base.travel, base.plant.output_unit)
 
 
 def is_another(model: Model) -> bool:
@@ -302,16 +307,6 @@ def stays(judged: Judged, without: Judged, keep: float) -> bool:
     if starved(without.model) and not starved(judged.model):
         return True
     return judged.score >= without.score + keep and earns(judged, without, 0.0)
-
-
-def _extent(judged: Judged) -> Extent:
-    """Of the fitted recordings; the travel is that of any."""
-    trials = judged.scene.trials
-    duration = max(len(trial) * trial.sample_time for trial in trials)
-    largest = max(trial.largest for trial in trials)
-    speed = is_speed(judged.model.base.plant.output_unit)
-    fastest = largest if speed else max(trial.fastest for trial in trials)
-    return Extent(duration, judged.model.base.travel or np.inf, largest, fastest or np.inf)
 
 
 def earns(rival: Judged, base: Judged, threshold: float) -> bool:

@@ -26,7 +26,7 @@ def plant_start(simulator: Simulator, u: Array, y: Array, noise: float) -> tuple
     wanted = y[:rows] - np.atleast_1d(discrete(simulator.mechanics).filter(u[:rows]))
     wanted = wanted - _beside(simulator, u[:rows])
     prior = np.zeros(n + 1)
-    prior[n] = noise / max(0.5 * float(np.sqrt(np.mean(u**2))), 1e-300)
+    prior[n] = noise / max(0.5 * float(np.sqrt(np.mean(u**2))), 1e-100)  # which squares
     table, wanted = np.vstack([free, prior]), np.append(wanted, 0.0)
     reader, spread = _reader(table)
     estimate = reader @ wanted

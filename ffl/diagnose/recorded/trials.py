@@ -14,6 +14,7 @@ from ffl.diagnose.recorded.first_state import behind_sensor, in_motion_from
 from ffl.diagnose.recorded.resting import springs_back, winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
+from ffl.effects.motion import Extent
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -352,3 +353,14 @@ def rest_under(simulator: Simulator, command: float, held: float, position: floa
     start[:n] = solution[:n]
     start[simulator.n_plant : simulator.n_plant + m.delay] = command
     return start
+
+
+def extent(trials: Sequence[Trial], travel: float, output_unit: str) -> Extent:
+    """How far the fitted `trials` reach; the `travel` is that of any recording."""
+    duration = max(len(trial) * trial.sample_time for trial in trials)
+    largest = max(trial.largest for trial in trials)
+    if is_speed(output_unit):  # and where it was is not known
+        return Extent(duration, travel or np.inf, largest, largest or np.inf)
+    fastest = max(trial.fastest for trial in trials)
+    ends = min(float(t.y.min()) for t in trials), max(float(t.y.max()) for t in trials)
+    return Extent(duration, travel or np.inf, largest, fastest or np.inf, *ends)

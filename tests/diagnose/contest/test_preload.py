@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.effects import EFFECTS
+from ffl.effects.motion import Extent
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 
@@ -29,3 +31,12 @@ def test_a_preload_is_named_where_there_is_one(stage, references, hidden):  # ty
         for name, true in spec.parameters.items():
             within = 4.0 * found[spec.name][name]["std_error"] + 0.02 * true
             assert abs(found[spec.name][name]["value"] - true) < within
+
+
+@pytest.mark.parametrize(("highest", "told"), [(0.15, True), (0.14, False)])
+def test_a_spring_of_which_one_end_alone_was_passed_is_none(highest, told):
+    """From 0.117 m on a stop pushes, as a spring about 0.1316 m does whose other side a load undoes."""
+    values = {"preload": 1.294, "centre": 0.1316, "width": 0.0146}
+    spring = EffectSpec("preloaded_spring", values)
+    reach = Extent(8.0, 0.2, lowest=-0.05, highest=highest)
+    assert EFFECTS[spring.name].credible(spring, reach) is told
