@@ -15,6 +15,7 @@ from ffl.diagnose.contest.settle import plain_form
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import POINT
 from ffl.systems.plant import EffectSpec
 
 CONTACT = "presliding_friction"
@@ -57,13 +58,9 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     plain = _plain(model, index)
     line = {SPRING} if spec.name == TABLE and NAMES[SPRING] not in model.names else set()
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
-
-    def plainer(like: Model, rounds: int) -> Judged:
-        effects = tuple(plain if k == index else e for k, e in enumerate(like.effects))
-        free = replace(like, effects=effects, held=like.held - line)  # which the table held
-        return judge(judged.scene, held, free, rounds)
-
-    forms = [plainer(model, rounds) for rounds in (8, 0)]
+    effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
+    plainer = replace(model, effects=effects, held=model.held - line)  # which the table held
+    forms = [judge(judged.scene, held, plainer, rounds) for rounds in (8, 0)]
     if eased:
         tried = min(forms, key=lambda form: raw_error(held, form.model))
     else:
@@ -90,15 +87,23 @@ def _plain(model: Model, index: int) -> EffectSpec:
     spec = model.effects[index]
     plain = plain_form(spec)
     assert plain is not None
+    if spec.name != TABLE or HOLDING & set(model.names):
+        return plain
+    either = in_the_mean(spec)
+    if either is spec:  # no table yet
+        return plain
+    up, down = (float(either.parameters[name]) for name in LEVELS[BY_DIRECTION])
+    return plain if abs(up - down) < FLAT * (up + down) else either
+
+
+def in_the_mean(spec: EffectSpec) -> EffectSpec:
+    """A table by position as its mean either way. Others as they are. (To begin with that is the form: a
+    play was looked for through the 18 numbers of a table for 6 minutes.)"""
     table = spec.parameters.get("table")
-    if not isinstance(table, Mapping) or HOLDING & set(model.names):
-        return plain
-    up, down = (float(np.mean(table[key])) for key in ("positive", "negative"))
-    if abs(up - down) < FLAT * (up + down):
-        return plain
-    return EffectSpec(
-        BY_DIRECTION, dict(zip(LEVELS[BY_DIRECTION], (up, down), strict=True)), plain.options
-    )
+    if spec.name != TABLE or not isinstance(table, Mapping):
+        return spec
+    levels = {f"level_{way}": float(np.mean(table[way])) for way in ("positive", "negative")}
+    return EffectSpec(BY_DIRECTION, levels, {k: v for k, v in spec.options.items() if k in POINT})
 
 
 def _one_level(judged: Judged, index: int) -> bool:

@@ -1,4 +1,4 @@
-"""Dry friction, or a damper, read from the balance of forces, slower than anything that rattles.
+"""Dry friction, a damper or a sine over time, read from the balance of forces, slower than what rattles.
 
 Averaged over a window that is long beside a machine's own oscillation a play takes nothing and gives
 nothing: what moves the whole of it is
@@ -23,6 +23,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import own_damping
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.recorded.trials import Trial
+from ffl.diagnose.screen.scan import PASSES
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -31,7 +32,7 @@ SHORTEST = 8  # samples
 CLEAR = 0.2  # of the RMS speed: slower than that no direction is sure
 LEAST = 0.03  # of the RMS command: less friction hides no play
 ENOUGH = 5  # windows in either direction
-PASSES, HIGHEST = 2.0, 0.5  # of a sine in a recording at least, in a window at most
+HIGHEST = 0.5  # passes of a sine in a window
 FINE = 1e-3  # of a line of the spectrum, to which a frequency is sought
 NOTICED = 0.15  # of what is left: what a sine must take (of rattle alone: 0.03)
 

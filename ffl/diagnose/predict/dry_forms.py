@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -74,19 +74,6 @@ def plainly(
         return company, found
     rivals = {name: told for name, told in company.rivals.items() if name != own.name}
     return Company(tried, company.trials, {**rivals, plain.name: company.found}), tried
-
-
-def in_the_mean(spec: EffectSpec) -> EffectSpec:
-    """A table by position as its mean either way, the form to begin with: which form it is, is asked in the
-    end (`formed`). Others as they are. (A play was looked for through the 18 numbers of a table for 6
-    minutes.)"""
-    table = spec.parameters.get("table")
-    if spec.name not in DRY or not isinstance(table, Mapping):
-        return spec
-    ways = ("positive", "negative")
-    levels = {f"level_{way}": float(np.mean(table[way])) for way in ways}
-    kept = {k: v for k, v in spec.options.items() if k in POINT}
-    return EffectSpec("asymmetric_friction", levels, kept)
 
 
 def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[list[EffectSpec]]:

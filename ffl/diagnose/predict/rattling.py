@@ -18,6 +18,7 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import SHARE, Judged
 from ffl.diagnose.contest.line import SURE
+from ffl.diagnose.contest.plainest import in_the_mean
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY
@@ -29,7 +30,7 @@ from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.predict.balance import humming, rubbing
 from ffl.diagnose.predict.company import separable
-from ffl.diagnose.predict.dry_forms import formed, in_the_mean, plainly
+from ffl.diagnose.predict.dry_forms import formed, plainly
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.predict.joining import (
     Company,
