@@ -14,7 +14,8 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 BRIEF = 0.05  # of the recording: no drift is faster
-KINDS = ("exponential", "sine", "ramp")
+SETTLES = "exponential"
+KINDS = (SETTLES, "sine", "ramp")
 
 
 @njit(error_model="numpy")
@@ -52,7 +53,7 @@ class Drift(Effect):
     needs_mass = False
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
-        kind = float(KINDS.index(setting.options.get("kind", "exponential")))
+        kind = float(KINDS.index(setting.options.get("kind", SETTLES)))
         return [values["amplitude"] / setting.force_per_input, values["time_constant"], kind]
 
     def credible(self, spec: EffectSpec, extent: Extent) -> bool:
@@ -71,9 +72,9 @@ class Drift(Effect):
         ]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
-        tau, kind = nonlinear["time_constant"], nonlinear.get("kind", "exponential")
+        tau, kind = nonlinear["time_constant"], nonlinear.get("kind", SETTLES)
         t = motion.t
-        if kind == "exponential":
+        if kind == SETTLES:
             return (1.0 - np.exp(-np.maximum(t, 0.0) / tau))[:, None]
         return (np.sin(2.0 * np.pi * t / tau) if kind == "sine" else t / tau)[:, None]
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ffl.diagnose.contest.judging import OPEN, promised
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import LINE
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.maps.freeform import FAR, FreeForm, held_gain
+from ffl.diagnose.maps.freeform import FAR, FreeForm, held_gain, judged
+from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen
+from ffl.diagnose.maps.freestep import ROUNDS, stepped
 from ffl.diagnose.noise.slow import gained_in_own_noise
 
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
@@ -46,6 +50,20 @@ def gains_of(
         gained.append(held_gain(white, alone.held_white, alone.known))
         told.append(promised(white, alone.held_white, alone.known))
     return fitted, min(gained), max(told)
+
+
+def left_alone(beside: FreeForm, nominal: Model) -> FreeForm | None:
+    """The maps that were found `beside` names, with no names: the linear model from where it ended up
+    there. (Alone in the model as it is stated nothing else bends but its numbers: with the damping of a
+    motor that fades with heat at -22 times the stated one no map took anything off.)"""
+    corrections = {**nominal.corrections, **beside.free.model.corrections}
+    free = FreeModel(replace(nominal, corrections=corrections), beside.parts)
+    found = stepped(FreeScreen(beside.scene, free), free, ROUNDS)
+    if found is None:
+        return None
+    free, now, _ = found
+    alone = judged(beside.scene, beside.held, free, beside.evidence, now.white)
+    return None if alone is None else replace(alone, ranking=beside.ranking)
 
 
 def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:

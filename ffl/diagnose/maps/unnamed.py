@@ -28,6 +28,7 @@ from ffl.diagnose.maps.gains import (
     cost_of,
     gains_of,
     in_own_noise,
+    left_alone,
     nearly,
     within_the_line,
 )
@@ -162,9 +163,7 @@ def compare(
     if alone and several and as_good(gains) and not _sum_of(standing, alone):
         # One thing where names need several: a sensor's curve is a gain by position and a drag.
         return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
-    # What hardly shows where it is judged, and is not spoken against there, must be the clearer.
-    told = gains[1] > HELD_WORTH or (gains[0] > SURE and gains[1] > 0.0)
-    winning = alone is not None and gains[0] > MARGIN and told
+    winning = alone is not None and _ahead(gains)
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never
         # quite still where there is nothing.
@@ -176,6 +175,11 @@ def compare(
     only = [p.term.name for p in alone.parts] if alone and winning else []
     maps = free_form(scene, held, standing, names=only)
     beside = maps[-1] if maps and maps[-1].parts else None
+    if beside and not alone and not seen:
+        alone = left_alone(beside, nominal)
+        if alone:
+            gains = gains_of(scene, held, standing, nominal, alone)[:2]
+            winning = _ahead(gains)
     near = None  # several names that do less than one map are no simpler for being nearly right
     if alone and winning and count <= len(alone.parts):
         near = alone if nearly(scene, held, bare, standing, alone) else None
@@ -186,6 +190,12 @@ def compare(
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
+
+
+def _ahead(gains: tuple[float, float]) -> bool:
+    """What hardly shows where it is judged, and is not spoken against there, must be the clearer."""
+    told = gains[1] > HELD_WORTH or (gains[0] > SURE and gains[1] > 0.0)
+    return gains[0] > MARGIN and told
 
 
 def _beside_numbers(standing: Model) -> int:

@@ -14,6 +14,7 @@ from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.resting import springs_back, winds
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
+from ffl.effects.drift import SETTLES
 from ffl.errors import InputError
 from ffl.systems.state_space import Array
 
@@ -266,7 +267,7 @@ def _warmed(scene: Scene, model: Model, from_trial: int) -> Scene:
     """With what is left of the settling, g in 1 - g exp(-t/T), 0 to 1, as each recording shows it: to
     first order y is linear in it, between a recording begun at t = 0 and one begun long after."""
     spec = next(e for e in model.acting if e.name == "drift")
-    if spec.options.get("kind", "exponential") != "exponential":
+    if spec.options.get("kind", SETTLES) != SETTLES:
         return scene
     settling = float(spec.parameters["time_constant"])
 

@@ -32,9 +32,11 @@ from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.noise.passage import Passage
 from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.screen.candidate import Candidate, spec_of
+from ffl.diagnose.screen.clocks import apart, begun_apart
 from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import EFFECTS, Effect, Motion
+from ffl.effects.drift import SETTLES
 from ffl.errors import InputError
 from ffl.recordings.units import turn_in
 from ffl.systems.plant import EffectSpec
@@ -308,11 +310,13 @@ class Screen:
         if place.port == "flow":
             columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
         else:
-            columns = self.through(
-                place, [self.columns_of(effect, m, nonlinear, place) for m in motions]
-            )
+            tables = [self.columns_of(effect, m, nonlinear, place) for m in motions]
+            if self.scene.free_clocks and nonlinear.get("kind") == SETTLES:
+                goes_on = [t.goes_on for t in self.scene.trials]
+                tables = begun_apart(tables, goes_on, 1.0 / self.model.simulator.force_per_input)
+            columns = self.through(place, tables)
         if effect.scan == "time" and self.scene.free_clocks:
-            columns = _apart(columns, [len(m.t) for m in motions])
+            columns = apart(columns, [len(m.t) for m in motions])
         return columns
 
     def _simulated(self, spec: EffectSpec) -> Array:
@@ -377,16 +381,6 @@ def as_measured(scene: Scene, fit: Fit) -> Screen | None:
         return None
     along = followed(scene, fit.model)
     return None if along is None else Screen(scene, fit, along)
-
-
-def _apart(columns: Array, lengths: Sequence[int]) -> Array:
-    """Columns of their own for every recording."""
-    out = np.zeros((len(columns), columns.shape[1] * len(lengths)))
-    at, k = 0, columns.shape[1]
-    for i, n in enumerate(lengths):
-        out[at : at + n, i * k : (i + 1) * k] = columns[at : at + n]
-        at += n
-    return out
 
 
 def _joined(motions: Sequence[Motion], turn: float | None) -> Motion:

@@ -13,8 +13,9 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.triangle import triangle
-from ffl.diagnose.maps.freeform import held_gain
+from ffl.diagnose.maps.freeform import free_form, held_gain
 from ffl.diagnose.maps.freemodel import FreeModel, evidence
+from ffl.diagnose.maps.gains import left_alone
 from ffl.diagnose.maps.terms import TERMS, ranges_of
 from ffl.diagnose.maps.unnamed import _beside_numbers
 from ffl.diagnose.noise.noise import Noise
@@ -41,7 +42,7 @@ def recorded(plant, reference, force, rng, name):  # type: ignore[no-untyped-def
     added = np.zeros(len(reference))
     for _ in range(12):
         run = simulator.run(
-            (), reference, force=shaken, noise=seen,
+            plant.effects, reference, force=shaken, noise=seen,
             applied=(added / plant.physics.motor_constant, ("sensor", None)),
         )  # fmt: skip
         added = force(run.x, run.v)
@@ -241,7 +242,7 @@ def test_states_say_when_it_is_loud(scene):  # type: ignore[no-untyped-def]
 
 def test_rivals_are_told_apart_by_what_they_would_do(scene):  # type: ignore[no-untyped-def]
     ground, model = scene
-    friction = model.with_effect(EffectSpec("coulomb_friction", {"level": 2.0}))
+    friction = model.with_effect(EffectSpec("coulomb_friction", {"level": 8.0}))
     viscous = model.with_effect(EffectSpec("viscous_friction", {"coefficient": 20.0}))
     e = separate(ground, friction, fit(ground, viscous, rounds=0), ("coulomb", "viscous"))
     assert e is not None
@@ -263,3 +264,28 @@ def test_more_mass_is_no_second_name_for_one_map(stage, names, count):  # type: 
     """The model beside a map has its mass free as well (20261228/0038: unnamed by a spring)."""
     effects = tuple(EffectSpec(name, values) for name, values in names.items())
     assert _beside_numbers(Model(Base.of(stage), effects=effects)) == count
+
+
+@pytest.mark.parametrize("level", [0.0, 8.0])
+def test_maps_found_beside_a_name_do_as_much_alone_where_the_name_is_none(
+    stage, references, scenes, level
+):  # type: ignore[no-untyped-def]
+    """A rubber stop beside a friction that is stated, and is there or is not."""
+    friction = EffectSpec("coulomb_friction", {"level": level})
+    machine = replace(stage, effects=(friction,) if level else ())
+    runs = [
+        recorded(machine, r, buffer, np.random.default_rng(k), f"run_{k}")
+        for k, r in enumerate(references)
+    ]
+    scene, held, nominal = scenes(runs)
+    named = nominal.with_effect(EffectSpec("coulomb_friction", {"level": 8.0}))
+    beside = free_form(scene, held, named)[-1]
+    assert [part.term.variables for part in beside.parts] == [("position",)]
+    alone = left_alone(beside, nominal)
+    assert alone is not None
+    assert alone.free.model.names == ()
+    assert [part.term for part in alone.parts] == [part.term for part in beside.parts]
+    if level:
+        assert alone.cost > 3.0 * beside.cost
+    else:
+        assert alone.cost < 1.02 * beside.cost
