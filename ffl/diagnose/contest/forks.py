@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from ffl.diagnose.contest.judging import Judged, promise
+from collections.abc import Callable
+from dataclasses import replace
+
+from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest, promise
 from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import CREEPING, DRY, KEEP
+from ffl.systems.plant import EffectSpec
 
 NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
 FORKS = 2  # most of these that are followed
+HARDENS, LOAD = "hardening_spring", "constant_load"
+WITHIN = (0.25, 0.5, 0.75)  # of the travel: where the middle of a spring is looked for
+BEHIND = 20.0  # score by which a spring about a middle of its own and a load may be behind
 
 
 def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
@@ -38,3 +46,37 @@ def forks(outcome: Outcome) -> list[tuple[str, Judged]]:
     for _, name, other in sorted(out, key=lambda f: f[0]):
         nearest.setdefault(other.model.names, (name, other))
     return list(nearest.values())[:FORKS]
+
+
+def within_the_travel(
+    quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
+) -> Judged | None:
+    """A hardening spring about a place within the travel and a constant load, for one whose middle no
+    recording came near; None where it is behind by more than `BEHIND`: beside who is missing it may be ahead. (Far from its middle it is a load and a spring that hardly hardens, and no load
+    comes in beside it: of a spring, a load and a dead zone one spring was told, and the dead zone not.)"""
+    model = current.model
+    if model.names.count(HARDENS) != 1 or LOAD in model.names or HARDENS in model.proven:
+        return None
+    at = model.names.index(HARDENS)
+    low = min(float(trial.y.min()) for trial in quiet.trials)
+    high = max(float(trial.y.max()) for trial in quiet.trials)
+    spring = model.effects[at]
+    if low <= float(spring.parameters["centre"]) <= high:
+        return None
+    reach = max(abs(low - spring.parameters["centre"]), abs(high - spring.parameters["centre"]))
+    steep = float(spring.parameters["cubic_coefficient"]) * (reach / (0.5 * (high - low))) ** 2
+    load = EffectSpec(LOAD, {"force": 0.0}, spring.options)
+    bare = {k: v for k, v in model.corrections.items() if k in model.held}
+    tried = []
+    for part in WITHIN:
+        values = {"centre": low + part * (high - low), "cubic_coefficient": steep}
+        other = replace(model, corrections=bare).with_parameters(at, values).with_effect(load)
+        tried.append(judge(quiet, held, other, 10))
+    tried = [j for j in tried if credible(j)]
+    if not tried:
+        return None
+    best = likeliest(tried)
+    ahead, stands = levelled([best, current])
+    gained = ahead.score - stands.score
+    say(f"  {HARDENS} within the travel and {LOAD}: {gained:+.1f}")
+    return best if gained > -BEHIND else None

@@ -11,7 +11,7 @@ import scipy.fft
 import scipy.stats
 
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.amounts import NAMES, netted
+from ffl.diagnose.hypothesis.amounts import NAMES, netted, undone
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.knots import continued
 from ffl.diagnose.hypothesis.model import Model
@@ -277,7 +277,7 @@ def credible(judged: Judged) -> bool:
         return False
     if not all(lets_through(e, model.base.passing) for e in model.effects):
         return False
-    if starved(model) or (model.effects and is_another(model)):
+    if starved(model) or undone(model) or (model.effects and is_another(model)):
         return False
     return all(netted(judged.scene, model, name) is None for name in NAMES)
 

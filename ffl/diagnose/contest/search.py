@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.contest.curves import two_for_two
-from ffl.diagnose.contest.forks import forks
+from ffl.diagnose.contest.forks import forks, within_the_travel
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
 from ffl.diagnose.contest.judging import (
     UNTOLD,
@@ -97,7 +97,7 @@ def contest(
         if _ahead(other, outcome, say):
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
-    for other_way in (two_for_two, begun_late, shares_off):
+    for other_way in (two_for_two, within_the_travel, begun_late, shares_off):
         pair = other_way(outcome.standing.scene, outcome.held, outcome.standing, say)
         if pair is None or scene.work.done:
             continue
