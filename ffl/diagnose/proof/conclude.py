@@ -131,6 +131,10 @@ def conclude(
     unsure = trusted and not model.machine.states_noise
     if said == "explained" and unsure and proof.nrmse_after > MOST * proof.nrmse_before:
         said = "partly_explained"
+        notes.append(
+            "no noise is stated, and nobody knows that as much as is left is noise: state sensor_noise "
+            "and force_noise in [machine]"
+        )
     elif said == "explained" and unsure and (loud := loudness(model, standing, True)) > LOUDER:
         said = "partly_explained"
         notes.append(

@@ -181,6 +181,9 @@ def test_a_bearing_that_pushes_is_no_wrong_unit(stage, record):  # type: ignore[
         (0.2, "unlike", False),  # of the others no factor explains y: nor does one here
         (0.01, "unlike", True),  # further off than friction makes anything
         (0.2, "none", True),
+        (0.2, "smaller", False),  # another factor: friction takes more of small moves than of large ones
+        (0.2, "as small", True),  # the same factor throughout
+        (0.01, "smaller", True),
     ],
 )
 def test_a_factor_that_other_recordings_do_not_bear_out_is_none(
@@ -188,7 +191,14 @@ def test_a_factor_that_other_recordings_do_not_bear_out_is_none(
 ):
     first = replace(driven, y=factor * driven.y)
     shaken = np.random.default_rng(2).standard_normal(len(driven))
-    other = {"alike": [driven], "unlike": [replace(driven, y=shaken)], "none": []}[others]
+    other = {
+        "alike": [driven],
+        "unlike": [replace(driven, y=shaken)],
+        "none": [],
+        "smaller": [replace(driven, y=0.4 * factor * driven.y)],
+        "as small": [replace(driven, y=0.9 * factor * driven.y)],
+    }[others]
+    other = [replace(r, source=f"other_{k}.csv") for k, r in enumerate(other)]
     found = mistakes(motor, [first, *other])
     assert [fault.kind for fault in found if fault.recording == "run.csv"] == ["unit"] * kept
 
