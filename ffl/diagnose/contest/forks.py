@@ -52,8 +52,9 @@ def within_the_travel(
     quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
 ) -> Judged | None:
     """A hardening spring about a place within the travel and a constant load, for one whose middle no
-    recording came near; None where it is behind by more than `BEHIND`: beside who is missing it may be ahead. (Far from its middle it is a load and a spring that hardly hardens, and no load
-    comes in beside it: of a spring, a load and a dead zone one spring was told, and the dead zone not.)"""
+    recording came near; None where it is behind by more than `BEHIND`: beside who is missing it may be
+    ahead. (Far from its middle it is a load and a spring that hardly hardens, and no load comes in beside
+    it: of a spring, a load and a dead zone one spring was told, and the dead zone not.)"""
     model = current.model
     if model.names.count(HARDENS) != 1 or LOAD in model.names or HARDENS in model.proven:
         return None

@@ -114,9 +114,9 @@ def netted(scene: Scene, model: Model, name: str) -> Model | None:
 
 
 def undone(model: Model) -> bool:
-    """A change of mass that the model's own mass, beyond the line, takes a good part of back: where the mass
-    is, in place of how much there is. (Of a delay and 7 % more mass a stage of three masses had 48 % more at
-    the one end, 27 % less of all, and a mode.)"""
+    """A change of mass that the model's own mass, beyond the line, takes a good part of back: it says where
+    the mass is, not how much. (Of a delay and 7 % more mass a stage of three masses had 48 % more at one
+    end, 27 % less of all, and a mode.)"""
     if (index := _place(model, "mass")) is None:
         return False
     change, own = float(model.effects[index].parameters["change"]), model.corrections["mass"]

@@ -26,7 +26,7 @@ from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
 from ffl.diagnose.proof.unvisited import unvisited
-from ffl.diagnose.proof.verdict import BEYOND, LOUD, LOUDER, loudness, verdict
+from ffl.diagnose.proof.verdict import BEYOND, LOUD, LOUDER, in_their_state, loudness, verdict
 from ffl.diagnose.recorded import sound, where
 from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
@@ -177,10 +177,12 @@ def conclude(
             linear_share=linear_share(quiet, raw) if raw else None,
             states=states(quiet.whiten(raw), motions) if raw else (),
         )
+        place = in_their_state(place, nameless, place.states)
     experiment = None
     if said != "nothing_missing" and not another and not observed:
         with suppress(InputError):  # limits too narrow for any move or wave
-            experiment = plan(standing.scene, standing.fit, outcome, nameless, told)
+            heard = () if said == "unnamed" else told
+            experiment = plan(standing.scene, standing.fit, outcome, nameless, heard)
     moved = corrections(standing) if bare is standing.model else ()
     if maps and augmented is not model:
         moved = beside_maps(bare)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from ffl.diagnose.contest.judging import Judged, effective
@@ -9,7 +12,7 @@ from ffl.diagnose.maps.freeform import FreeForm
 from ffl.diagnose.maps.unnamed import Contest, component_of
 from ffl.diagnose.noise.noise import Noise, Paths
 from ffl.diagnose.recorded import where
-from ffl.diagnose.recorded.states import goes_with, states
+from ffl.diagnose.recorded.states import VARIABLES, State, goes_with, states
 from ffl.effects import EFFECTS
 from ffl.systems.plant import Plant
 
@@ -25,6 +28,9 @@ STRUCTURED = 1.5
 # Times what noise alone leaves of held-out free runs, from which they say that structure remains, however
 # white it is: a sensor with a bent scale explained as a gain by position left 3.9 times that.
 BEYOND = 2.5
+OF_A_STATE = (
+    3.0  # times the mean power: bursts so much louder in a state belong to it (knocks: 1.2)
+)
 
 
 def verdict(
@@ -57,6 +63,23 @@ def verdict(
     if excess > LOUD:
         return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
     return "nothing_missing", where.Place("", "", ())
+
+
+def in_their_state(place: where.Place, contest: Contest, found: Sequence[State]) -> where.Place:
+    """Where bursts are all that is told: with the state in which they are by far the loudest, if there is
+    one. (A wheel that slips does so at every hard start, at whatever time; knocks come in any state.)"""
+    if contest.verdict != "unnamed" or contest.winner is not None or contest.lost is not None:
+        return place
+    loudest = max(found, key=lambda s: s.power, default=None)
+    if loudest is None or loudest.power < OF_A_STATE:
+        return place
+    variable = VARIABLES[loudest.name]
+    return replace(
+        place,
+        component="plant",
+        where=f"{place.where}: {loudest.power:.2g} times the mean power in {loudest.name}",
+        depends_on=tuple(dict.fromkeys((variable, *place.depends_on))),
+    )
 
 
 def coloured(standing: Judged) -> bool:

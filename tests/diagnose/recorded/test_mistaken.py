@@ -181,7 +181,11 @@ def test_a_bearing_that_pushes_is_no_wrong_unit(stage, record):  # type: ignore[
         (0.2, "unlike", False),  # of the others no factor explains y: nor does one here
         (0.01, "unlike", True),  # further off than friction makes anything
         (0.2, "none", True),
-        (0.2, "smaller", False),  # another factor: friction takes more of small moves than of large ones
+        (
+            0.2,
+            "smaller",
+            False,
+        ),  # another factor: friction takes more of small moves than of large ones
         (0.2, "as small", True),  # the same factor throughout
         (0.01, "smaller", True),
     ],
