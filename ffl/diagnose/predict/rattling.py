@@ -52,6 +52,7 @@ from ffl.diagnose.predict.play import (
     Hypothesis,
     able,
     closed,
+    of_another_mass,
     regridded,
     settled,
     shortened,
@@ -182,9 +183,10 @@ def started(
         way = start(scene, replace(told, effects=effects), levels[:1], 1)[0]
         # Its frequency is a little off, and no gap of a grid is right beside it under less noise.
         ways.append((way and refitted(way, shortened(scene, LOOK)), levels))
-    found = [
-        (begun.worth(scene.trials), begun, after) for begun, after in ways if begun is not None
+    weighed = [
+        (of_another_mass(begun, scene.trials), after) for begun, after in ways if begun is not None
     ]
+    found = [(begun.worth(scene.trials), begun, after) for begun, after in weighed]
     return max(found, key=lambda way: way[0])[1:] if found else (None, levels)
 
 
