@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest, promise
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
@@ -15,6 +17,7 @@ NEAR = 0.3  # of what the best refused would bring: a rival behind by less may b
 FORKS = 2  # most of these that are followed
 HARDENS, LOAD = "hardening_spring", "constant_load"
 WITHIN = (0.25, 0.5, 0.75)  # of the travel: where the middle of a spring is looked for
+ROUNDS = 20  # of a fit from there
 BEHIND = 20.0  # score by which a spring about a middle of its own and a load may be behind
 
 
@@ -59,20 +62,22 @@ def within_the_travel(
     if model.names.count(HARDENS) != 1 or LOAD in model.names or HARDENS in model.proven:
         return None
     at = model.names.index(HARDENS)
-    low = min(float(trial.y.min()) for trial in quiet.trials)
-    high = max(float(trial.y.max()) for trial in quiet.trials)
+    place = np.concatenate([trial.y for trial in quiet.trials])
+    low, high = float(place.min()), float(place.max())
     spring = model.effects[at]
-    if low <= float(spring.parameters["centre"]) <= high:
+    centre, steep = (float(spring.parameters[name]) for name in ("centre", "cubic_coefficient"))
+    if low <= centre <= high:
         return None
-    reach = max(abs(low - spring.parameters["centre"]), abs(high - spring.parameters["centre"]))
-    steep = float(spring.parameters["cubic_coefficient"]) * (reach / (0.5 * (high - low))) ** 2
-    load = EffectSpec(LOAD, {"force": 0.0}, spring.options)
     bare = {k: v for k, v in model.corrections.items() if k in model.held}
     tried = []
     for part in WITHIN:
-        values = {"centre": low + part * (high - low), "cubic_coefficient": steep}
+        middle = low + part * (high - low)
+        columns = np.column_stack([(place - middle) ** 3, -np.ones_like(place)])
+        hard, force = np.linalg.lstsq(columns, steep * (place - centre) ** 3, rcond=None)[0]
+        values = {"centre": middle, "cubic_coefficient": float(hard)}
+        load = EffectSpec(LOAD, {"force": float(force)}, spring.options)
         other = replace(model, corrections=bare).with_parameters(at, values).with_effect(load)
-        tried.append(judge(quiet, held, other, 10))
+        tried.append(judge(quiet, held, other, ROUNDS))
     tried = [j for j in tried if credible(j)]
     if not tried:
         return None

@@ -108,3 +108,22 @@ def test_a_spring_or_a_load_beside_one_level_is_no_friction_by_position(up, down
     spec = EffectSpec("position_dependent_friction", {"table": table})
     judged = SimpleNamespace(model=SimpleNamespace(effects=(spec,)))
     assert _flat(judged, 0) is one
+
+
+@pytest.mark.parametrize(
+    ("apart", "beside", "said"),
+    [
+        (0.01, "drift", "coulomb_friction"),  # a drift that is a little off holds the difference
+        (0.01, None, "asymmetric_friction"),
+        (0.4, "drift", "asymmetric_friction"),
+    ],
+)
+def test_levels_that_a_force_beside_them_holds_are_one(stage, record, apart, beside, said):  # type: ignore[no-untyped-def]
+    slow = EffectSpec("drift", {"amplitude": 2.0, "time_constant": 2.0})
+    levels = {"level_positive": 3.0 + apart, "level_negative": 3.0 - apart}
+    machine = (EffectSpec("asymmetric_friction", levels), *([slow] if beside else []))
+    scene, model = scene_of(stage, record(replace(stage, effects=machine)))
+    judged = judge(scene, None, replace(model, effects=machine), rounds=10)
+    name = "asymmetric_friction"
+    found, _ = plainest(None, judged, Outcome(judged, [], None, {name: [(name, judged)]}))
+    assert said in found.model.names

@@ -14,8 +14,15 @@ from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict import rattling as prediction
 from ffl.diagnose.predict import switching
 from ffl.diagnose.predict.joining import needed
-from ffl.diagnose.predict.moving import doubted, gap_at
-from ffl.diagnose.predict.play import Hypothesis, _along_valley, _forms, settled, start
+from ffl.diagnose.predict.moving import doubted, gap_at, masses
+from ffl.diagnose.predict.play import (
+    Hypothesis,
+    _along_valley,
+    _forms,
+    of_another_mass,
+    settled,
+    start,
+)
 from ffl.diagnose.predict.rattling import beyond_prediction, brings, burdened, crossed, unexplained
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -341,3 +348,16 @@ def test_a_gap_that_brings_nothing_once_fitted_is_not_gone_on_with(
     assert not goes_on(29.0, 0.0, 1.0)
     assert not goes_on(31.0, -1001.0, 1.0)  # far behind what stands before it is fitted
     assert not goes_on(31.0, 0.0, -1.0)  # and behind it after that
+
+
+def test_a_play_is_begun_with_another_mass_where_no_derivative_leads(plant, worn, rattling):
+    """The plant file has 8 % less mass than the machine."""
+    scene, model = scene_of(plant, rattling)
+    right = Hypothesis(replace(model, effects=worn.effects), NOISE)
+    (k,) = masses(right.model)
+    assert of_another_mass(right, scene.trials) is right
+    theta = right.theta
+    theta[k] = -0.08
+    found = of_another_mass(right.at(theta), scene.trials)
+    assert abs(found.theta[k]) <= 0.025
+    assert found.worth(scene.trials) > right.at(theta).worth(scene.trials) + 100.0
