@@ -114,8 +114,8 @@ def settle(
             f"{without.held_out - current.held_out:+.1f} held out"
         )
         worthy = stays(current, without, KEEP)
-        if not worthy and len(current.model.effects) > 1:
-            # Of a free run that goes its own way the held-out recordings may gain hundreds by chance.
+        if not worthy and (len(current.model.effects) > 1 or EFFECTS[name].scan):
+            # A free run that goes its own way may gain hundreds by chance, the best sine of thousands 44.
             current = _in_another_form(quiet, held, current, without, index, steps, say)
             continue
         before = list(tried_before.get(name, ()))
