@@ -28,9 +28,7 @@ STRUCTURED = 1.5
 # Times what noise alone leaves of held-out free runs, from which they say that structure remains, however
 # white it is: a sensor with a bent scale explained as a gain by position left 3.9 times that.
 BEYOND = 2.5
-OF_A_STATE = (
-    3.0  # times the mean power: bursts so much louder in a state belong to it (knocks: 1.2)
-)
+OF_A_STATE = 3.0  # times the mean power: bursts so loud in a state belong to it (knocks: 1.2)
 
 
 def verdict(

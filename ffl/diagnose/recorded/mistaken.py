@@ -67,7 +67,9 @@ def _by_amplitude(plant: Plant, recording: Recording, others: Sequence[Recording
         other, left = _looked_at(plant, r)
         if left > UNALIKE:
             return True
-        off, own = (np.log(f) if f > 0.0 else np.inf for f in (other, factor))
+        if other <= 0.0 or factor <= 0.0:
+            continue
+        off, own = np.log(other), np.log(factor)
         if off * own > 0.0 and abs(off) > np.log(OFF) and abs(off - own) > np.log(UNEVEN):
             return True
     return False
