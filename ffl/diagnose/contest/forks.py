@@ -11,11 +11,12 @@ from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, like
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import CREEPING, DRY, KEEP
+from ffl.diagnose.hypothesis.model import LOAD
 from ffl.systems.plant import EffectSpec
 
 NEAR = 0.3  # of what the best refused would bring: a rival behind by less may be the better start
 FORKS = 2  # most of these that are followed
-HARDENS, LOAD = "hardening_spring", "constant_load"
+HARDENS = "hardening_spring"
 WITHIN = (0.25, 0.5, 0.75)  # of the travel: where the middle of a spring is looked for
 ROUNDS = 20  # of a fit from there
 BEHIND = 20.0  # score by which a spring about a middle of its own and a load may be behind

@@ -209,9 +209,9 @@ def regridded(found: Hypothesis, scene: Scene) -> Hypothesis:
     """`found`, or from another width of its gap, all else as it stands, where that foretells better: the
     likelihood has a hill wherever contacts fall on other samples. (1.81 mm beside a sine and friction
     that were right: 0.80, the truth, is 820 ahead.)"""
-    at, theta = gap_at(found.model), found.theta
-    others = [np.where(np.arange(len(theta)) == at, factor * theta, theta) for factor in WIDTHS]
-    best = max((found.at(other) for other in others), key=lambda h: h.worth(scene.trials))
+    at = gap_at(found.model)
+    others = [_with(found, at, factor * found.theta[at]) for factor in WIDTHS]
+    best = max(others, key=lambda h: h.worth(scene.trials))
     if best.worth(scene.trials) <= found.worth(scene.trials):
         return found
     return settled(best, scene, (1.0,))
@@ -221,13 +221,15 @@ def of_another_mass(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
     """`found`, or with another mass of the model's, all else as it stands, where that foretells better: a
     change of some per cent moves every contact, and no derivative leads there. (Beside a friction 7.6 %
     less mass is 2,000 ahead of none, and 1 % less is behind.)"""
-    others = []
-    for k in masses(found.model):
-        for mass in MASSES:
-            theta = found.theta
-            theta[k] = mass
-            others.append(found.at(theta))
+    others = [_with(found, k, mass) for k in masses(found.model) for mass in MASSES]
     return max((found, *others), key=lambda h: h.worth(trials))
+
+
+def _with(found: Hypothesis, k: int, value: float) -> Hypothesis:
+    """`found` with another value of its number k, all else as it stands."""
+    theta = found.theta
+    theta[k] = value
+    return found.at(theta)
 
 
 def _along_valley(point: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
