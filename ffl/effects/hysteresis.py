@@ -14,16 +14,24 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("saturating", "hardening")
+NEAR = 1e-7  # of the displacement: so near to a motion tried, z goes along its slope to the last digit
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: force, displacement, exponent, beta, hardens; s: z, end force (iterate)."""
+    """p: force, displacement, exponent, beta, hardens; s: z, end force (iterate), and of the last motion
+    tried: itself, z at its end, slope of z there."""
     if io[COMMIT] != 0.0:
-        s[0] = bouc_wen_step(s[0], io[X1] - io[X0], p[1], p[2], p[3], p[4])
+        move = io[X1] - io[X0]
+        ahead = move - s[2]
+        if abs(ahead) <= NEAR * p[1] and (move >= 0.0) == (s[2] >= 0.0):
+            s[0] = s[3] + s[4] * ahead
+        else:
+            s[0] = bouc_wen_step(s[0], move, p[1], p[2], p[3], p[4])
         return
     start = -p[0] * s[0]
     xa, gx, _, _ = end_motion(io, start, 0.0)
     low, high, force = -2.0 * p[0], 2.0 * p[0], s[1]
+    move, z1, share = 0.0, s[0], 1.0
     if p[4] != 0.0:  # between none and that of the motion it does not hold back
         free = -p[0] * bouc_wen_step(s[0], xa - io[X0], p[1], p[2], p[3], p[4])
         low, high = min(free, 0.0), max(free, 0.0)
@@ -40,11 +48,15 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
             way *= 1.0 - 2.0 * way * p[3]
         share = 1.0 - way * abs(z1) ** p[2]
         following = force - error / (1.0 + p[0] / p[1] * gx * share)
-        if abs(following - force) <= 1e-12 * max(p[0], abs(force)):
+        # Newton's next step goes with the square of this one, as long as the motion does not turn.
+        step, size = abs(following - force), max(p[0], abs(force))
+        turned = (move >= 0.0) != (xa + gx * following - io[X0] >= 0.0)
+        bend = p[2] * (1.0 + 2.0 * p[3]) * (gx * step / p[1]) ** 2 * max(1.0, abs(z1)) ** (2.0 * p[2])
+        if step <= 1e-12 * size or (not turned and p[0] * bend <= 1e-13 * size):
             force = following
             break
         force = following if low < following < high else 0.5 * (low + high)
-    s[1] = force
+    s[1], s[2], s[3], s[4] = force, move, z1, share / p[1]
     set_line(io, start, force)
 
 
@@ -82,11 +94,11 @@ class Hysteresis(Effect):
         return [*super().pack(values, setting), float(setting.options.get("kind") == KINDS[1])]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0, 0.0]
+        return [0.0, 0.0, np.inf, 0.0, 0.0]
 
     def after_travel(self, state, packed, travel):  # type: ignore[no-untyped-def]
         known = travel if not packed[4] else np.clip(travel, -packed[1], packed[1])  # it runs away
-        return [bouc_wen_step(0.0, float(known), *packed[1:]), state[1]]
+        return [bouc_wen_step(0.0, float(known), *packed[1:]), *state[1:]]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[0] / packed[1]

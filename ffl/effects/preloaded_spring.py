@@ -32,24 +32,39 @@ def _over_a_line(z0, z1):  # type: ignore[no-untyped-def]
     return mean, 6.0 * (moment - 0.5 * mean)
 
 
+@njit(error_model="numpy")
+def _error(p, io, z0, free, end):  # type: ignore[no-untyped-def]
+    """By how much the step ends beyond where the force over it lets it end, and the line of that force."""
+    mean, slope = _over_a_line(z0, end)
+    return end - free + (io[GX] * mean + io[GX_SLOPE] * slope) * p[0] / p[2], mean, slope
+
+
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: preload, centre, width. The way is taken to be straight within the step, and where it ends is
-    found by halving: the force falls along it, so there is one end."""
+    """p: preload, centre, width. The way is taken to be straight within the step. The force falls along
+    it, so it ends at one place: secants within a bracket (Illinois), one where the force is the same."""
     z0 = (io[X0] - p[1]) / p[2]
     free = (io[X1] - p[1]) / p[2]
     reach = (abs(io[GX]) + abs(io[GX_SLOPE])) * p[0] / p[2]
     low, high = free - reach, free + reach
-    mean, slope = _over_a_line(z0, 0.5 * (low + high))
+    under, mean, slope = _error(p, io, z0, free, low)
+    over, _, _ = _error(p, io, z0, free, high)
+    last, side = low, 0
     for _ in range(60):
-        end = 0.5 * (low + high)
-        mean, slope = _over_a_line(z0, end)
-        error = end - free + (io[GX] * mean + io[GX_SLOPE] * slope) * p[0] / p[2]
-        if error > 0.0:
-            high = end
-        else:
-            low = end
-        if high - low <= 1e-13 * (1.0 + abs(end)):
+        if not over > under:
             break
+        end = (low * over - high * under) / (over - under)
+        error, mean, slope = _error(p, io, z0, free, end)
+        if error == 0.0 or abs(end - last) <= 1e-13 * (1.0 + abs(end)):
+            break
+        last = end
+        if error > 0.0:
+            high, over = end, error
+            under = 0.5 * under if side > 0 else under
+            side = 1
+        else:
+            low, under = end, error
+            over = 0.5 * over if side < 0 else over
+            side = -1
     io[MEAN], io[SLOPE] = -p[0] * mean, -p[0] * slope
 
 
