@@ -34,7 +34,7 @@ from ffl.diagnose.predict.parting import clearer, parts
 from ffl.diagnose.predict.rattling import with_rattling
 from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.recorded import sound
-from ffl.diagnose.recorded.clip import clipping
+from ffl.diagnose.recorded.clip import clipping, shown
 from ffl.diagnose.recorded.commands import as_limited, passing, reached
 from ffl.diagnose.recorded.glitches import without_glitches, without_turns
 from ffl.diagnose.recorded.holds import HELD, moves
@@ -187,8 +187,9 @@ def _named(
     if sum(map(len, (*recordings, *validation))) < sum(map(len, everything)):
         notes.append(HELD)
     short, short_held = stretches(recordings, LONG), stretches(validation, LONG)
-    trials = prepared(base.simulator, short, prior.sensor)
-    judging = prepared(base.simulator, short_held, prior.sensor)
+    stands = clipping(model, everything)
+    trials = shown(prepared(base.simulator, short, prior.sensor), stands, model)
+    judging = shown(prepared(base.simulator, short_held, prior.sensor), stands, model)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if seen.observed:
         scene = replace(scene, slowest=seen.slowest, observed=True)
@@ -202,7 +203,6 @@ def _named(
         return unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
-    stands = clipping(model, everything)
     told = nominal if stands is None else nominal.with_proven(stands)
     folds = _through_folds(nominal, scene, held, recordings, (short, short_held))
     if folds is not None:
@@ -234,8 +234,8 @@ def _named(
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")
-        trials = prepared(base.simulator, recordings, prior.sensor)
-        judging = prepared(base.simulator, validation, prior.sensor)
+        trials = shown(prepared(base.simulator, recordings, prior.sensor), stands, model)
+        judging = shown(prepared(base.simulator, validation, prior.sensor), stands, model)
         scene, held = replace(standing.scene, trials=trials), replace(held, trials=judging)
         scene = with_starts(scene, standing.model)
         held = with_starts(held.like(scene), standing.model)

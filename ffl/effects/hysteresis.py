@@ -14,7 +14,9 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("saturating", "hardening")
-NEAR = 1e-7  # of the displacement: so near to a motion tried, z goes along its slope to the last digit
+NEAR = (
+    1e-7  # of the displacement: so near to a motion tried, z goes along its slope to the last digit
+)
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
@@ -51,7 +53,9 @@ def _law(p, s, io):  # type: ignore[no-untyped-def]
         # Newton's next step goes with the square of this one, as long as the motion does not turn.
         step, size = abs(following - force), max(p[0], abs(force))
         turned = (move >= 0.0) != (xa + gx * following - io[X0] >= 0.0)
-        bend = p[2] * (1.0 + 2.0 * p[3]) * (gx * step / p[1]) ** 2 * max(1.0, abs(z1)) ** (2.0 * p[2])
+        bend = (
+            p[2] * (1.0 + 2.0 * p[3]) * (gx * step / p[1]) ** 2 * max(1.0, abs(z1)) ** (2.0 * p[2])
+        )
         if step <= 1e-12 * size or (not turned and p[0] * bend <= 1e-13 * size):
             force = following
             break

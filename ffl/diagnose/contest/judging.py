@@ -16,6 +16,7 @@ from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.knots import continued
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.doubt import Doubt, judged_by
+from ffl.diagnose.noise.lost import mean_power
 from ffl.diagnose.noise.noise import Paths
 from ffl.diagnose.noise.slow import gained_in_own_noise, slowly
 from ffl.diagnose.noise.spread import spread
@@ -165,7 +166,7 @@ def held_out(held: Scene | None, scene: Scene, fitted: Fit) -> tuple[float, Arra
     if residuals is None:
         return -np.inf, np.zeros(0)
     white = judged.judge(residuals)
-    return -0.5 * effective(white) * float(np.log(np.mean(white**2))), white
+    return -0.5 * effective(white) * float(np.log(mean_power(white))), white
 
 
 def between(quiet: Scene, current: Judged, rivals: Sequence[Judged]) -> list[Judged]:
@@ -224,7 +225,7 @@ def levelled(judged: Sequence[Judged]) -> list[Judged]:
     out = []
     for j in judged:
         known = len(j.held_white) and np.isfinite(j.held_out)
-        worth = -0.5 * n * float(np.log(np.mean(j.held_white**2))) if known else j.held_out
+        worth = -0.5 * n * float(np.log(mean_power(j.held_white))) if known else j.held_out
         other = replace(j, held_out=worth)
         object.__setattr__(other, "independent", j.independent)  # of the same residual
         out.append(other)
@@ -262,7 +263,7 @@ def noise_error(held: Scene | None, judged: Scene, chance: float = 0.5) -> float
 
 def mean_square(judged: Judged) -> float:
     """Of the whitened held-out residual; 1 where there is none."""
-    return float(np.mean(judged.held_white**2)) if len(judged.held_white) else 1.0
+    return mean_power(judged.held_white) if len(judged.held_white) else 1.0
 
 
 def credible(judged: Judged) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from ffl.diagnose.contest.work import Work
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.noise.lost import filled, mean_power, seen_in, share_seen
 from ffl.diagnose.noise.noise import SLOWEST, Noise, fit_noise
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import Trial
@@ -66,11 +67,13 @@ class Scene:
         shared: Whitener | None = None
         out = []
         for trial in self.trials:
-            if not trial.doubt.any():
+            lost = trial.lost if trial.lost is not None and trial.lost.any() else None
+            if lost is None and not trial.doubt.any():
                 shared = shared or Whitener.of(self.loop, self.noise)
                 out.append(shared)
             else:
-                out.append(Whitener.of(self.loop, self.noise, trial.doubt))
+                start = trial.doubt if trial.doubt.any() else None
+                out.append(Whitener.of(self.loop, self.noise, start, lost=lost))
         return tuple(out)
 
     @cached_property
@@ -95,14 +98,15 @@ class Scene:
         return out
 
     def residuals(self, model: Runs) -> list[Array] | None:
-        """y - yhat of each recording; None where the simulation leaves all bounds."""
+        """y - yhat of each recording, with nothing of what its sensor lost; None where the simulation
+        leaves all bounds."""
         out = []
         self.work.add()
         for trial in self.trials:
             y = model.output(trial)
             if y is None:
                 return None
-            out.append(trial.y - y)
+            out.append(trial.beside(y))
         return out
 
     def cost(self, model: Model) -> float:
@@ -138,15 +142,17 @@ class Scene:
             return replace(
                 self, noise=Noise(max(size, self.floor, 1e-300), 1e-6 * self.noise.force)
             )
+        seen = filled(self.whiteners, self.trials, residuals)
         noise = fit_noise(
             self.loop,
-            self._calm(residuals),
+            self._calm(seen),
             self.noise,
             floor=self.floor,
             coloured=coloured,
             quantile=quantile,
             slowest=self.slowest,
         )
+        noise = noise.scaled(share_seen(self.trials) ** -0.5)  # what was filled in is noise no more
         if quantile is not None and self.loudest is not None:
             sensor, force = self.loudest.sensor, self.loudest.force
             noise = replace(noise, sensor=min(noise.sensor, sensor), force=min(noise.force, force))
@@ -180,8 +186,8 @@ class Scene:
     def likeliest(self, white: Array) -> float:
         """`log_likelihood` under noise of the size that suits `white` best:
         -n/2 (1 + log(mean square)) - log det."""
-        size = max(float(np.mean(white**2)), 1e-300)
-        return self.worth * (-0.5 * len(white) * (1.0 + float(np.log(size))) - self.log_scale)
+        size = max(mean_power(white), 1e-300)
+        return self.worth * (-0.5 * seen_in(white) * (1.0 + float(np.log(size))) - self.log_scale)
 
     def by_free_run(self, model: Model) -> float:
         """`likeliest` of what a free run of `model` leaves; minus infinity where it goes astray."""

@@ -33,6 +33,7 @@ HELD = {  # what the data cannot tell from other numbers of the same effect
     "outflow": ("centre",),
 }
 WALL = 5.0  # times the median of a table: what is believed of its levels
+CLIPS = "sensor_nonlinearity"
 STIFF = ("presliding_friction", "hysteresis")  # solved implicitly: fewer sub-steps do for a fit
 TABLE = "position_dependent_friction"  # the same where its contact gives way
 LOAD = "constant_load"  # held beside a table: levels by direction say the same
@@ -131,7 +132,9 @@ class Model:
             needed = self.simulator.substeps(self.acting)
         except InputError:  # numbers that no plant can have: every simulation says so
             return 1
-        stiff = any(_is_stiff(spec) for spec in self.acting)
+        tables = [spec for spec in self.acting if spec.name == TABLE]
+        yields = any(spec.parameters.get("stiffness", 0.0) > 0.0 for spec in tables)
+        stiff = yields or any(spec.name in STIFF for spec in self.acting)
         return min(MOST_SUBSTEPS, needed) if stiff else needed
 
     def resettled(self) -> Model:
@@ -186,13 +189,25 @@ class Model:
             tuple(s for s in specs if not EFFECTS[s.name].bends)
             for specs in (self.effects, self.stated)
         )
-        other = replace(self, base=self.base.unlimited, effects=effects, given=given)
+        return self._stepped(base=self.base.unlimited, effects=effects, given=given)
+
+    @cached_property
+    def before_limit(self) -> Model:
+        """The machine before a sensor known to clip."""
+        kept = tuple(s for s in self.effects if s.name != CLIPS or s.name not in self.proven)
+        return self._stepped(effects=kept)
+
+    def _stepped(self, **changes: Any) -> Model:
+        """With `changes`, in the sub-steps of this one."""
+        other = replace(self, **changes)
         object.__setattr__(other, "substeps", self.substeps)
         return other
 
     def judged_on(self, trials: Sequence[Trial]) -> tuple[Model, list[Trial]]:
-        """The machine and the recordings that it is judged on: behind its drive, where all commands are
-        known."""
+        """The machine and recordings that it is judged on: behind its drive, where all commands are
+        known, and before its sensor's limit, where this is: what was lost beyond, nobody judges."""
+        if all(trial.lost is not None for trial in trials):
+            return self.before_limit, list(trials)
         if self.behind is not self:
             sent = [as_sent(trial, self.acting) for trial in trials]
             if all(trial is not None for trial in sent):
@@ -363,14 +378,7 @@ class Model:
         return replace(self, effects=tuple(effects))
 
     def without(self, index: int) -> Model:
-        kept = tuple(e for i, e in enumerate(self.effects) if i != index)
-        return replace(self, effects=kept)
-
-
-def _is_stiff(spec: EffectSpec) -> bool:
-    """Whether what asks for many sub-steps is a contact that is solved implicitly."""
-    yields = spec.name == TABLE and float(spec.parameters.get("stiffness", 0.0)) > 0.0
-    return yields or spec.name in STIFF
+        return replace(self, effects=self.effects[:index] + self.effects[index + 1 :])
 
 
 def balanced(table: Mapping[str, Sequence[float]]) -> tuple[dict[str, Any], float]:

@@ -3,7 +3,8 @@
 The residual y - yhat of a right model is the loop's answer to force and sensor noise. A Kalman
 filter of that answer turns it into white noise of unit variance, from the first sample on (the
 covariance starts at what the noise leaves in a running loop plus what is not known of the start);
-the log of its scales completes the Gaussian likelihood.
+the log of its scales completes the Gaussian likelihood. Samples that a sensor at its limit lost say
+nothing: the filter foretells them, learns nothing from them and is that much less sure after.
 """
 
 from __future__ import annotations
@@ -46,9 +47,10 @@ def _lower(m):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _riccati(a, c, inward, outward, root, steps):  # type: ignore[no-untyped-def]
+def _riccati(a, c, inward, outward, root, steps, lost):  # type: ignore[no-untyped-def]
     """Gains (m, n) and scales (m,) until steady, of x+ = A x + F w, e = c x + h w, w white, of variance 1;
-    inward F (n, k), outward h (k,), root (n, n) S with S S' the covariance at the start.
+    inward F (n, k), outward h (k,), root (n, n) S with S S' the covariance at the start. With samples
+    `lost` (m,) one for each of them: no gain there, and a scale beyond all bounds.
 
     The array form, S alone and never S S': what states that nearly run together leave of a covariance
     by differences is lost to rounding (a mode at 1/26 of the sampling rate behind an observer was).
@@ -59,8 +61,13 @@ def _riccati(a, c, inward, outward, root, steps):  # type: ignore[no-untyped-def
     m = np.empty((n + 1, k + n))
     gains = np.empty((steps, n))
     scales = np.empty(steps)
-    used = 0
+    used, steady = 0, False
     for t in range(steps):
+        used = t + 1
+        blind = len(lost) > 0 and lost[t]
+        if steady and not blind:
+            gains[t], scales[t] = gains[t - 1], scales[t - 1]
+            continue
         for j in range(k):
             m[0, j] = outward[j]
             for i in range(n):
@@ -76,17 +83,23 @@ def _riccati(a, c, inward, outward, root, steps):  # type: ignore[no-untyped-def
                 if a[i, q] != 0.0:
                     for j in range(n):
                         m[i + 1, k + j] += a[i, q] * root[q, j]
+        if blind:
+            gains[t], scales[t], steady = 0.0, np.inf, False
+            ahead = m[1:].copy()
+            _lower(ahead)
+            root[:] = ahead[:, :n]
+            continue
         _lower(m)
         scales[t] = abs(m[0, 0])
         gains[t] = m[1:, 0] / m[0, 0]
         root[:] = m[1:, 1 : n + 1]
-        used = t + 1
         if t > 0:
             change = np.abs(gains[t] - gains[t - 1]).max()
-            if (
+            steady = (
                 change <= SETTLED * np.abs(gains[t]).max()
                 and abs(scales[t] - scales[t - 1]) <= SETTLED * scales[t]
-            ):
+            )
+            if steady and len(lost) == 0:
                 break
     return gains[:used], scales[:used]
 
@@ -187,10 +200,19 @@ class Whitener:
     c: Array
     gains: Array
     scales: Array
+    usual: Whitener | None = None  # where samples were lost: the same had none been
 
     @classmethod
-    def of(cls, loop: Loop, noise: Noise, start: Array | None = None, steps: int = MOST_STEPS):
-        """`start` (n, n): covariance of what is not known of the loop's state at the start."""
+    def of(
+        cls,
+        loop: Loop,
+        noise: Noise,
+        start: Array | None = None,
+        steps: int = MOST_STEPS,
+        lost: Array | None = None,
+    ) -> Whitener:
+        """`start` (n, n): covariance of what is not known of the loop's state at the start; `lost` (N,):
+        which samples of a recording its sensor could not show."""
         system, step = loop.system, loop.system.sample_time
         n = system.order
         force, sensor = system.b[:, 2], system.b[:, 3]
@@ -213,8 +235,13 @@ class Whitener:
             doubt = np.zeros((n + 2, n))
             doubt[:n] = _root(start) / size
             root = _compact(np.hstack([root, doubt]))
-        gains, scales = _riccati(a, c, inward / size, outward / size, root, steps)
-        return cls(a, c, gains, scales * size)
+        parts = a, c, inward / size, outward / size
+        gains, scales = _riccati(*parts, root.copy(), steps, np.zeros(0, bool))
+        usual = cls(a, c, gains, scales * size)
+        if lost is None:
+            return usual
+        gains, scales = _riccati(*parts, root, len(lost), lost)
+        return cls(a, c, gains, scales * size, usual)
 
     def __call__(self, columns: Array) -> Array:
         """Whitened `columns`, (N,) or (N, k), of one recording."""
@@ -225,18 +252,20 @@ class Whitener:
 
     @property
     def steady(self) -> Whitener:
-        """As it is long after the start, whose doubt then hides nothing."""
-        return replace(self, gains=self.gains[-1:], scales=self.scales[-1:])
+        """As it is long after the start, whose doubt then hides nothing, nothing lost."""
+        whole = self.usual or self
+        return replace(whole, gains=whole.gains[-1:], scales=whole.scales[-1:])
 
     def log_scale(self, n: int) -> float:
         """Sum of the logarithms of the first `n` scales: the likelihood's determinant."""
         m = len(self.scales)
-        logs = np.log(self.scales)
+        logs = np.log(
+            np.where(np.isfinite(self.scales), self.scales, 1.0)
+        )  # what is lost says nothing
         return float(logs[:n].sum() + max(0, n - m) * logs[-1])
 
     def impulse(self, n: int) -> Array:
         """First `n` samples of the steady filter's impulse response."""
         x = np.zeros((n, 1))
         x[0] = 1.0
-        last = len(self.scales) - 1
-        return _innovations(self.a, self.c, self.gains[last:], self.scales[last:], x)[:, 0]
+        return self.steady(x)[:, 0]

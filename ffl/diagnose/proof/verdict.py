@@ -10,6 +10,7 @@ import numpy as np
 from ffl.diagnose.contest.judging import Judged, effective
 from ffl.diagnose.maps.freeform import FreeForm
 from ffl.diagnose.maps.unnamed import Contest, component_of
+from ffl.diagnose.noise.lost import mean_power
 from ffl.diagnose.noise.noise import Noise, Paths
 from ffl.diagnose.recorded import where
 from ffl.diagnose.recorded.states import VARIABLES, State, goes_with, states
@@ -40,7 +41,7 @@ def verdict(
         return "unnamed", _nameless(contest)
     effects = standing.model.effects
     if effects:
-        chi2 = float(np.mean(standing.held_white**2)) if len(standing.held_white) else 1.0
+        chi2 = mean_power(standing.held_white) if len(standing.held_white) else 1.0
         names = [EFFECTS[e.name] for e in effects]
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on)

@@ -7,9 +7,11 @@ own. A smooth curve that bends at the top fits the rest as well.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.recorded.trials import Trial
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
@@ -23,6 +25,7 @@ WIDE = 8.0  # standard deviations of the stated sensor noise that count as one v
 VISITS = 2  # at least, at one value within the sensor's noise; to the last digit one of the three is enough
 LASTS = 0.02  # of all samples: together at its limit
 SUDDEN = 0.3  # of the RMS speed at arrival, in the median
+ONCE = 20  # samples of a single stay that is left as suddenly: from a stop a machine leaves at rest
 
 
 def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None:
@@ -33,20 +36,32 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
     top = max(float(np.abs(r.y).max()) for r in recordings)
     width = WIDE * plant.machine.sensor_noise + plant.machine.encoder_resolution
     for wide in (0.0, width):
-        stood, speeds = [], []
+        stood, speeds, left = [], [], []
         for r in recordings:
             if np.all(np.isfinite(r.u)):
-                for values, speed in _visits(r, _without_limit(plant, r), top - wide):
+                for values, speed, leaving in _visits(r, _without_limit(plant, r), top - wide):
                     stood.append(values)
                     speeds.append(speed)
+                    left.append(leaving)
         again, sudden = len(stood) >= VISITS, bool(stood) and np.median(speeds) >= SUDDEN
+        once = len(stood) == 1 and len(stood[0]) >= ONCE and sudden and left[0] >= SUDDEN
         lasts = sum(map(len, stood)) >= LASTS * sum(map(len, recordings))
-        clips = (again and sudden) if wide else (again or sudden or lasts)
+        clips = ((again and sudden) or once) if wide else (again or sudden or lasts)
         if not clips:
             continue
         level = top if not wide else float(np.mean(np.concatenate(stood)))
         return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})
     return None
+
+
+def shown(trials: Sequence[Trial], stands: EffectSpec | None, plant: Plant) -> tuple[Trial, ...]:
+    """`trials` with what a sensor that clips as `stands` has it could not show: whoever is right about the
+    machine need not explain that."""
+    if stands is None:
+        return tuple(trials)
+    width = WIDE * plant.machine.sensor_noise + plant.machine.encoder_resolution
+    level = float(stands.parameters["level"]) - width
+    return tuple(replace(trial, lost=np.abs(trial.y) >= level) for trial in trials)
 
 
 def _without_limit(plant: Plant, r: Recording) -> Array:
@@ -57,9 +72,9 @@ def _without_limit(plant: Plant, r: Recording) -> Array:
     return plant.system.filter(r.u - r.u[0])
 
 
-def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float]]:
+def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float, float]]:
     """Magnitudes of y of every stay at `least` or more of RUN samples in which without a limit it would
-    have `moved`, and the speed of arrival over the RMS one."""
+    have `moved`, and the speeds of arrival and of leaving over the RMS one."""
     size = np.abs(r.y)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (size >= least).astype(int), [0]])))
     usual = float(np.sqrt(np.mean(np.diff(r.y) ** 2))) or 1.0
@@ -67,5 +82,6 @@ def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         if b - a >= RUN and np.ptp(moved[a:b]) > MOVES * np.ptp(moved):
             arrival = abs(float(r.y[a - 1] - r.y[a - 2])) / usual if a > 1 else 0.0
-            out.append((size[a:b], arrival))
+            leaving = abs(float(r.y[b + 1] - r.y[b])) / usual if b + 1 < len(r.y) else 0.0
+            out.append((size[a:b], arrival, leaving))
     return out

@@ -60,6 +60,7 @@ class Trial:
     warm: float = 0.0  # squared command that had warmed the machine before (see `warmth`)
     asked: Array | None = None  # by the controller, where the drive's stated limit was reached
     goes_on: bool = False  # a later piece of the recording before it
+    lost: Array | None = None  # which samples a sensor at its limit could not show (see `clip`)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -111,10 +112,18 @@ class Trial:
     def head(self, rows: int) -> Trial:
         """The first `rows` samples."""
         parts = {k: getattr(self, k)[:rows] for k in ("reference", "feedforward", "y", "u")}
-        for name in ("load", "unrest", "asked"):
+        for name in ("load", "unrest", "asked", "lost"):
             whole = getattr(self, name)
             parts[name] = None if whole is None else whole[:rows]
         return replace(self, **parts)
+
+    def beside(self, y: Array) -> Array:
+        """What was measured less `y` (N,), straight over what the sensor lost."""
+        e = self.y - y
+        if self.lost is None or not self.lost.any() or self.lost.all():
+            return e
+        rows = np.arange(len(e))
+        return np.where(self.lost, np.interp(rows, rows[~self.lost], e[~self.lost]), e)
 
     def weighed(self, white: Array) -> Array:
         """`white`, (n,) or (n, k), the whitened first n samples, by what each counts for."""

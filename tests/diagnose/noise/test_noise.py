@@ -214,3 +214,27 @@ def test_noise_that_is_nearly_all_slow_is_found(stage):  # type: ignore[no-untyp
         return -float(np.sum(seen.weight * (np.log(density) + seen.power / density)))
 
     assert likelihood(found) > likelihood(slow) - 3.0
+
+
+def test_lost_samples_are_foretold_from_the_others(stage):  # type: ignore[no-untyped-def]
+    """The likelihood of what is left is that of a Gaussian without them, whatever stands in their place."""
+    n, rng = 400, np.random.default_rng(11)
+    lost = np.zeros(n, bool)
+    lost[[0, 90, 91, 399]] = True
+    lost[150:230] = True
+    w = Whitener.of(stage.loop, TRUE, lost=lost)
+    usual = Whitener.of(stage.loop, TRUE)
+    full = np.linalg.inv(usual(np.eye(n)) * np.exp(0.0))  # e = full @ white
+    covariance = full @ full.T  # the oracle's, N x N
+    e = full @ rng.standard_normal(n)
+    kept = covariance[np.ix_(~lost, ~lost)]
+    root = np.linalg.cholesky(kept)
+    white = w(e)
+    assert not np.any(white[lost])
+    wanted = np.linalg.solve(root, e[~lost])
+    assert white @ white == pytest.approx(wanted @ wanted, rel=1e-6)
+    assert w.log_scale(n) == pytest.approx(np.log(np.diag(root)).sum(), rel=1e-6)
+    other = np.where(lost, 1e3, e)
+    assert np.array_equal(w(other), white)
+    assert np.allclose(w(np.column_stack([e, other]))[:, 1], white, rtol=1e-12)
+    assert np.array_equal(w.steady(e), usual.steady(e))
