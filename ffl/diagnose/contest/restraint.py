@@ -1,0 +1,82 @@
+"""Numbers of the linear part that held-out recordings object to: as the plant file states them.
+
+What the fitted recordings hardly show of the linear part (a mode that only the judging multisine excites)
+is fitted to their noise, and a held-out run is foretold by it. So where a held-out run is missed by more
+than noise, or none of the numbers is told by itself, the stated numbers are tried again, all of them and
+mode by mode, the effects fitted anew beside them, and stay where both kinds of recordings together are
+the likelier for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.contest.judging import Judged, judge
+from ffl.diagnose.contest.scene import Scene
+
+MISSED = 1.2  # mean square of a held-out run, whitened, from which stated numbers are tried again
+GAINED = 4.0  # log-likelihood of both kinds of recordings that they must bring
+TOLD = 3.0  # standard errors from which a number is told; where none is, stated ones must bring nothing
+
+
+def restrained(held: Scene | None, judged: Judged) -> Judged:
+    """`judged`, or with stated numbers where these foretell the held-out recordings and explain the fitted
+    ones together better. `held`: what judges, raw: no number is granted what the fitted ones leave open."""
+    if held is None or not held.trials or not judged.model.corrections:
+        return judged
+    whole = held.like(judged.scene)
+    likely = _both(whole, judged, judged)
+    untold = not _told(judged)
+    if not untold and not _missed(whole, judged):
+        return judged
+    best, bar = judged, likely + (0.0 if untold else GAINED)
+    for names in _groups(judged):
+        kept = {k: v for k, v in judged.model.corrections.items() if k not in names}
+        model = replace(judged.model, corrections=kept, held=judged.model.held | names)
+        other = judge(judged.scene, held, model, 6, judged.fit if judged.model.effects else None)
+        worth = _both(whole, other, judged)
+        if worth > bar:
+            best, bar = other, worth
+    return best
+
+
+def _groups(judged: Judged) -> Iterator[frozenset[str]]:
+    """All numbers that were moved, and those of every mode."""
+    moved = [name for name in judged.model.corrections if name not in judged.model.held]
+    yield frozenset(moved)
+    modes = sorted({name.rsplit("_", 1)[0] for name in moved if name.startswith("mode_")})
+    for mode in modes:
+        own = frozenset(name for name in moved if name.startswith(f"{mode}_"))
+        if len(own) < len(moved):
+            yield own
+
+
+def _told(judged: Judged) -> bool:
+    """Whether any number of the linear part lies clear of what is stated."""
+    pairs = zip(judged.model.coordinates, judged.spread, strict=True)
+    values = judged.model.corrections
+    return any(
+        abs(values.get(c.name, 0.0)) >= TOLD * spread
+        for c, spread in pairs
+        if c.kind == "correction"
+    )
+
+
+def _missed(held: Scene, judged: Judged) -> bool:
+    residuals = held.residuals(judged.model)
+    return residuals is None or float(np.mean(held.whiten(residuals) ** 2)) > MISSED
+
+
+def _both(held: Scene, judged: Judged, by: Judged) -> float:
+    """Log-likelihood of fitted and held-out recordings together, by the noise of `by`."""
+    own = by.scene
+    total = 0.0
+    for scene in (own, held):
+        residuals = scene.residuals(judged.model)
+        if residuals is None:
+            return -np.inf
+        total += scene.log_likelihood(scene.whiten(residuals))
+    return total - judged.fit.surprise

@@ -1,0 +1,68 @@
+"""Numbers that the fitted recordings hardly show stay as stated where held-out ones object."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.restraint import restrained
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.corrections import corrections
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine
+
+STEP = 1e-3
+
+
+@pytest.fixture(scope="module")
+def scene_and_held(two_masses, references):  # type: ignore[no-untyped-def]
+    """Smooth moves to learn from, a sweep through the mode to judge by."""
+    t = STEP * np.arange(3000)
+    sweep = 0.5 * np.sin(2 * np.pi * (30.0 + 15.0 * t) * t) * np.minimum(t, 1.0)
+    machine, rng = SimulatedMachine(two_masses), np.random.default_rng(5)
+    zero = np.zeros(3000)
+    base = Base.of(two_masses)
+    noise = Noise(two_masses.machine.sensor_noise, two_masses.machine.force_noise)
+    moves, wave = machine.run(references[0], zero, rng), machine.run(zero, sweep, rng)
+    trials = [prepare(base.simulator, r, noise.sensor) for r in (moves, wave)]
+    scenes = [Scene(two_masses.loop, (trial,), noise) for trial in trials]
+    return scenes[0], scenes[1], Model(base)
+
+
+def test_a_mode_that_the_moves_hardly_show_stays_as_stated(scene_and_held):  # type: ignore[no-untyped-def]
+    scene, held, model = scene_and_held
+    names = [c.name for c in model.coordinates]
+    assert {"mass", "mode_1_damping", "mode_1_frequency"} <= set(names)
+    astray = {"mode_1_damping": -0.5, "mode_1_frequency": 0.02}
+    judged = judge(scene, held, replace(model, corrections=astray, held=frozenset(astray)), 4)
+    free = replace(judged.model, held=frozenset())
+    judged = replace(judged, fit=replace(judge(scene, held, free, 0).fit, model=free))
+    found = restrained(held, judged)
+    assert not {"mode_1_damping", "mode_1_frequency"} & set(found.model.corrections)
+    assert {"mode_1_damping", "mode_1_frequency"} <= found.model.held
+    left = [float(np.std(held.residuals(j.model)[0])) for j in (judged, found)]
+    assert left[1] < 0.5 * left[0]
+    assert not any(c.name.startswith("mode") for c in corrections(found))
+
+
+def test_numbers_that_held_out_recordings_bear_out_stay(scene_and_held, two_masses, references):  # type: ignore[no-untyped-def]
+    """A machine 4 % heavier than its model: told by the moves, and true of the sweep."""
+    scene, held, model = scene_and_held
+    heavier = replace(
+        two_masses, system=replace(two_masses.system, gain=two_masses.system.gain / 1.04)
+    )
+    machine = SimulatedMachine(heavier)
+    trials = []
+    for one, seed in ((scene, 1), (held, 2)):
+        trial = one.trials[0]
+        run = machine.run(trial.reference, trial.feedforward, np.random.default_rng(seed))
+        trials.append(prepare(model.base.simulator, run, 1e-6))
+    scene, held = replace(scene, trials=(trials[0],)), replace(held, trials=(trials[1],))
+    judged = judge(scene, held, model, 8)
+    found = restrained(held, judged)
+    assert found.model.corrections["mass"] == pytest.approx(0.04, abs=0.004)
