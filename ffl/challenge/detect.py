@@ -21,6 +21,7 @@ FADED = 1e-6
 # Of the lowest frequency, what stands for zero, where a loop may pass no noise: with it the mean of
 # log|1 - 1/z| over the grid is what it is over the circle, none.
 NEAR_REST = 1.0 / (2.0 * np.pi)
+ROUNDS, SETTLED = 12, 1e-3  # of Gauss and Newton; decrease of the energy by which it has arrived
 
 
 class Lens:
@@ -108,3 +109,32 @@ class Lens:
             return float(vector @ vector)
         basis = np.linalg.qr(np.array([self.whiten(noise, t) for t in kept]).T)[0]
         return float(np.sum((vector - basis @ (basis.T @ vector)) ** 2))
+
+    def beyond_moved(self, noise: Noise, runs: Traces) -> float:
+        """Energy of y in `runs` that the model without effects leaves with its parameters moved as far as
+        it takes, by Gauss and Newton; at most what it leaves as it is.
+
+        `beyond` is of first order. A mode of a tenth of the mass near a resonance of the model has 12,171
+        beyond the nominal parameters by that, and none once the resonance moves by 14 %.
+        """
+        keys = [key for key, _ in FAMILIES[self.setup.family].doubts]
+
+        def left(x: np.ndarray) -> np.ndarray:
+            moved = dict(self.setup.parameters)
+            for key, value in zip(keys, x, strict=True):
+                moved[key] *= np.exp(value)
+            plain = self._plain(Build.of(FAMILIES[self.setup.family].assemble(moved)))
+            e = self.whiten(noise, [a - b for a, b in zip(runs, plain, strict=True)])
+            return np.where(np.isfinite(e), e, 1e6)
+
+        x = np.zeros(len(keys))
+        e = left(x)
+        for _ in range(ROUNDS):
+            columns = [(left(x + step) - left(x - step)) / 2e-3 for step in 1e-3 * np.eye(len(x))]
+            way = np.linalg.lstsq(np.array(columns).T, -e, rcond=1e-9)[0]
+            tried = [(scale, left(x + scale * way)) for scale in (1.0, 0.5, 0.25, 0.1)]
+            scale, best = min(tried, key=lambda pair: float(pair[1] @ pair[1]))
+            if not best @ best < (1.0 - SETTLED) * (e @ e):
+                break
+            x, e = x + scale * way, best
+        return float(e @ e)

@@ -188,9 +188,8 @@ def _named(
     if sum(map(len, (*recordings, *validation))) < sum(map(len, everything)):
         notes.append(HELD)
     short, short_held = stretches(recordings, LONG), stretches(validation, LONG)
-    stands = clipping(model, everything)
-    trials = shown(prepared(base.simulator, short, prior.sensor), stands, model)
-    judging = shown(prepared(base.simulator, short_held, prior.sensor), stands, model)
+    trials = prepared(base.simulator, short, prior.sensor)
+    judging = prepared(base.simulator, short_held, prior.sensor)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if seen.observed:
         scene = replace(scene, slowest=seen.slowest, observed=True)
@@ -204,6 +203,7 @@ def _named(
         return unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
+    stands = clipping(model, everything)
     told = nominal if stands is None else nominal.with_proven(stands)
     folds = _through_folds(nominal, scene, held, recordings, (short, short_held))
     if folds is not None:
@@ -219,6 +219,11 @@ def _named(
         plain = Noise(scene.noise.sensor, 1e-6 * scene.noise.force)
         scene = weighed(replace(scene, noise=plain, plain=True), nominal)
         held = replace(held, noise=plain, plain=True)
+    if (
+        scene.plain
+    ):  # as what stands at its limit is told by a model that runs free: beyond, or short of it
+        stands = None
+    scene, held = (replace(s, trials=shown(s.trials, stands, model)) for s in (scene, held))
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
     if scene.work.done:
         notes.append(

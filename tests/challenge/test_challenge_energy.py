@@ -1,17 +1,19 @@
 """What an effect's energy is counted by: noise is white of unit variance through it, and a constant
 force is worth what force noise of its loudness leaves of it."""
 
+import zlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from ffl.challenge import case
 from ffl.challenge.body import FAMILIES
 from ffl.challenge.build import Build
 from ffl.challenge.detect import Lens
 from ffl.challenge.draw import draw_noise, draw_setup, measure
 from ffl.challenge.linear import Noise
-from ffl.challenge.stage import whole_run
+from ffl.challenge.stage import assemble, whole_run
 
 
 def setup_of(family, seed=5):
@@ -52,3 +54,30 @@ def test_a_constant_force_is_worth_the_samples_it_stands_out_in(family):
         traces.append(pushed[0])
     white = Lens(setup).whiten(noise, traces)
     assert white @ white == pytest.approx(len(white), rel=0.1)
+
+
+def test_a_mode_that_a_resonance_moved_farther_makes_up_for_is_no_case(monkeypatch):
+    """Blind run 20270101, case 10: 12,171 beyond the nominal parameters to first order, and no trace of it
+    once they have moved; drawn again."""
+    drawn = ("flexible_mode",), "two_mass_motor", "masked", "careful", None
+    key = zlib.crc32(repr(drawn).encode())
+
+    def draw(attempt):
+        return case._draw(*drawn, np.random.default_rng([1511617546, key, attempt]))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(case, "_swallowed", lambda *_: False)
+        attempt, found = next((k, c) for k in range(25) if (c := draw(k)) is not None)
+    setup, parts, scales, noise, (trace,) = found
+    assert trace.beyond > 1e4
+    build, _ = assemble(setup, parts, scales)
+    runs = [whole_run(build, setup, e, None)[0] for e in setup.fit]
+    lens = Lens(setup)
+    assert lens.beyond_moved(noise, runs) < 100.0
+    assert draw(attempt) is None
+    # A force that nothing of the model explains stays as it was.
+    pushed = [x + 1e-4 * np.sin(0.05 * np.arange(len(x))) for x in runs]
+    plain = lens.beyond(
+        noise, lens.whiten(noise, [a - b for a, b in zip(pushed, runs, strict=True)]), ""
+    )
+    assert 0.3 * plain < lens.beyond_moved(noise, pushed) < 1.3 * plain
