@@ -16,6 +16,7 @@ from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.noise.spread import error_of
 from ffl.systems.plant import EffectSpec
 
 CONTACT = "presliding_friction"
@@ -111,7 +112,9 @@ def _one_level(judged: Judged, index: int) -> bool:
     spec = judged.model.effects[index]
     one, other = LEVELS[spec.name]
     apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
-    return apart < 2.0 * float(np.hypot(*(_spread(judged, index, name) for name in (one, other))))
+    return apart < 2.0 * float(
+        np.hypot(*(error_of(judged, index, name) or 0.0 for name in (one, other)))
+    )
 
 
 def _held(model: Model, index: int) -> bool:
@@ -126,7 +129,7 @@ def unseen(judged: Judged, index: int) -> bool:
     values = judged.model.effects[index].parameters
     stiffness, noise = float(values["stiffness"]), judged.scene.noise.sensor
     way = float(values["level"]) / stiffness
-    unsure = _spread(judged, index, "stiffness") > UNSURE * stiffness
+    unsure = (error_of(judged, index, "stiffness") or 0.0) > UNSURE * stiffness
     return way < (LED if judged.scene.observed else FREE)[unsure] * noise
 
 
@@ -143,21 +146,12 @@ def _flat(judged: Judged, index: int) -> bool:
     return max(float(np.ptp(level)), float(np.ptp(bent))) < FLAT * abs(float(level.mean()))
 
 
-def _spread(judged: Judged, index: int, name: str) -> float:
-    """Standard error of a number of effect `index`; 0 where it is not free."""
-    for c, spread in zip(judged.model.coordinates, judged.spread, strict=True):
-        if (c.kind, c.effect, c.name) == ("effect", index, name):
-            return float(spread) * (
-                float(judged.model.effects[index].parameters[name]) if c.log else 1.0
-            )
-    return 0.0
-
-
 def _told_nowhere(judged: Judged, index: int) -> bool:
     """Whether the levels of a Stribeck curve are one, or the velocity over which it falls is less sure than
     large."""
     velocity = float(judged.model.effects[index].parameters["stribeck_velocity"])
-    return _one_level(judged, index) or _spread(judged, index, "stribeck_velocity") > velocity
+    unsure = (error_of(judged, index, "stribeck_velocity") or 0.0) > velocity
+    return unsure or _one_level(judged, index)
 
 
 SAME = {  # forms of dry friction, and when each is plain friction by another name

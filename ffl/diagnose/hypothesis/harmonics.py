@@ -15,6 +15,7 @@ from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.span import orthonormal
+from ffl.diagnose.noise.spread import error_of
 from ffl.effects import EFFECTS
 from ffl.effects.periods import Repeating, harmonics
 
@@ -73,9 +74,8 @@ def _without_faint_of(name: str, held: Scene | None, current: Judged) -> Judged:
     index = current.model.names.index(name)
     while (order := len(harmonics(_values(current.model, index)))) > 1:
         last = f"amplitude_{order}"
-        pairs = zip(current.model.coordinates, current.spread, strict=True)
-        spreads = [s for c, s in pairs if (c.kind, c.effect, c.name) == ("effect", index, last)]
-        if not spreads or _values(current.model, index)[last] > SURE * float(spreads[0]):
+        error = error_of(current, index, last)
+        if error is None or _values(current.model, index)[last] > SURE * error:
             break
         values = {
             k: v

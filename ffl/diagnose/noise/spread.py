@@ -13,11 +13,15 @@ West's lags). Reported is the larger of this and of white noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ffl.diagnose.hypothesis.fit import Fit
 from ffl.systems.state_space import Array
+
+if TYPE_CHECKING:
+    from ffl.diagnose.contest.judging import Judged
 
 BLOCKS = 20  # of all recordings together
 FEWEST = 2  # of one recording
@@ -40,3 +44,12 @@ def spread(fit: Fit, samples: Sequence[int]) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         own = np.sqrt(np.sum((half @ sums.T) ** 2, axis=1)) / scale
     return np.fmax(plain, own)
+
+
+def error_of(judged: Judged, index: int, name: str) -> float | None:
+    """Standard error of number `name` of effect `index`, in its own unit; None where it is not free."""
+    for c, spread in zip(judged.model.coordinates, judged.spread, strict=True):
+        if (c.kind, c.effect, c.name, c.place) == ("effect", index, name, None):
+            value = float(judged.model.effects[index].parameters[name])
+            return float(spread) * (value if c.log else 1.0)
+    return None

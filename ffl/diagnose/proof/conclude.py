@@ -21,6 +21,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import Running
 from ffl.diagnose.maps.picture import MapPicture, picture
 from ffl.diagnose.maps.unnamed import Contest, compare
+from ffl.diagnose.noise.spread import error_of
 from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.names import named
@@ -268,16 +269,11 @@ def _finding(
 ) -> Finding:
     spec = standing.model.effects[index]
     effect = EFFECTS[spec.name]
-    spreads = dict(zip(standing.model.coordinates, standing.spread, strict=True))
     numbers = {}
     for name, value in spec.parameters.items():
         parameter = effect.parameter(name)
-        unit, error = parameter.unit_in(plant), None
-        for c, spread in spreads.items():
-            own = c.kind == "effect" and c.effect == index and c.name == name and c.place is None
-            if own and not parameter.stepped:
-                error = float(spread * value if c.log else spread)
-        numbers[name] = Number(value, unit, error)
+        error = None if parameter.stepped else error_of(standing, index, name)
+        numbers[name] = Number(value, parameter.unit_in(plant), error)
     says, share = effect.says(effect.check(spec), plant), of_its_own(standing.model, spec)
     if share is not None:
         says += f" That is {100.0 * share:+.3g} % of the model's own."
