@@ -7,6 +7,7 @@ and the linear model's own number stays at its nominal value.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from ffl.diagnose.contest.settle import (
     PLIABLE,
     RIVALS,
     SUBSTITUTE,
+    challengers,
     settle,
 )
 from ffl.diagnose.hypothesis.amounts import (
@@ -42,6 +44,7 @@ from ffl.diagnose.hypothesis.amounts import (
 )
 from ffl.diagnose.hypothesis.coordinate import slightest
 from ffl.diagnose.hypothesis.fit import fit
+from ffl.diagnose.hypothesis.ladders import with_best_start
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, places_of
 from ffl.effects import EFFECTS, Effect
@@ -50,6 +53,9 @@ from ffl.systems.plant import EffectSpec, Plant
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
+FAINT = (
+    100.0  # log-likelihood that a number brings as an effect, below which its siblings may be it
+)
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
 
 
@@ -131,7 +137,8 @@ def against_the_refused(
     the line and refused for 6 on the recordings that judge, under noise that made no difference of it. Drag
     beside a Stribeck friction, refused for the little that it brought beside a damping of 5 times the
     model's: without that the two were 32 ahead, and plain friction with drag 36. A delay on a stage with
-    a spring was 2.7 times its mass and a damper.)"""
+    a spring was 2.7 times its mass and a damper.) Where they bring little their siblings are tried too:
+    beside the free number nobody saw them. (Drag in noise, 3 from a damper in truth, was told as one.)"""
     company = list(judged.model.names)
     name = company[-1] if company else ""
     while company and company[-1] in NAMES.values() and company[-1] not in outcome.contenders:
@@ -149,6 +156,8 @@ def against_the_refused(
         judge(scene, held, r.model, 4, r.fit) for r in (alone, *list(best.values())[:RIVALS])
     ]
     found = [on_the_line(held, r) for r in refused]
+    if judged.score - levelled([found[0], judged])[0].score < FAINT:
+        found += _siblings(held, judged, best)
     plain, judged, *found = levelled([found[0], judged, *found[1:]])
     contenders = {
         **outcome.contenders,
@@ -162,6 +171,16 @@ def against_the_refused(
             contenders = {**contenders, **told}
         judged = across_the_line(scene, held, first)
     return judged, replace(outcome, contenders=contenders)
+
+
+def _siblings(held: Scene | None, judged: Judged, tried: Container[str]) -> list[Judged]:
+    """Siblings of the last effect in its place, the model's own number held: those not `tried` yet."""
+    last = len(judged.model.names) - 1
+    own = {*NAMES.values()}
+    seen = challengers(judged.scene, judged, last, (), frozenset())
+    seen = [c for c in seen if c.spec.name not in own and c.spec.name not in tried]
+    found = [judge(judged.scene, held, with_best_start(judged.scene, c), 8) for c in seen]
+    return [other for other in found if credible(other)]
 
 
 def _in_parts(model: Model) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose import diagnose
 from ffl.diagnose.contest import line
 from ffl.diagnose.contest.judging import credible, judge
 from ffl.diagnose.contest.line import (
@@ -24,6 +25,7 @@ from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.recordings import Recording
 from ffl.systems import EffectSpec
+from ffl.systems.plant import Imperfections
 from ffl.systems.plant_file import plant_from_dict
 
 NOISE = Noise(1e-7, 2e-3)
@@ -199,7 +201,8 @@ def test_a_number_beyond_the_line_stands_against_who_was_refused(stage, record, 
     found, after = against_the_refused(None, standing, outcome)
     assert found.model.names == (true.name,)
     others = {name for name, _ in after.contenders[true.name]}
-    assert others == {"viscous_friction", "coulomb_friction"}
+    siblings = {"quadratic_drag"}  # tried too, where the damper brings little
+    assert others - siblings == {"viscous_friction", "coulomb_friction"}
     (value,) = true.parameters.values()
     assert next(iter(found.model.effects[0].parameters.values())) == pytest.approx(value, rel=0.2)
 
@@ -276,3 +279,16 @@ def test_what_is_added_to_a_spring_is_told_as_a_share_of_it():
         of_its_own(Model(Base.of(free, 1.0)), EffectSpec("linear_stiffness", {"stiffness": 1.0}))
         is None
     )
+
+
+@pytest.mark.parametrize(("coefficient", "first"), [(28.0, True), (20.0, False)])
+def test_a_faint_drag_is_told_or_listed_beside_a_damper(stage, record, coefficient, first):  # type: ignore[no-untyped-def]
+    """Beside a damping that is free it brings nothing, and the damping alone becomes a damper for sure."""
+    loud = replace(stage, machine=Imperfections(1e-7, 1e-7, 0.2, None))
+    drag = EffectSpec("quadratic_drag", {"coefficient": coefficient})
+    fit, held = record(replace(loud, effects=(drag,)), 2)
+    (finding,) = diagnose(loud, [fit], [held]).findings
+    told = {finding.name: finding.confidence, **dict(finding.alternatives)}
+    assert finding.name == ("quadratic_drag" if first else "viscous_friction")
+    assert told["quadratic_drag"] > 0.4
+    assert finding.confidence < 0.9
