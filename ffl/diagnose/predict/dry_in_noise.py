@@ -34,6 +34,9 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
+HOPELESS = (
+    200.0  # log-likelihood by which free runs are ahead of a friction that bends the linear part
+)
 CLEAR = 12.0  # log-likelihood, in the mean of fitted and held out, over none and over free runs
 ALSO = 4.0  # of it in either
 LED = 500.0  # log-likelihood by which free runs of a friction are ahead where no other form will be
@@ -113,6 +116,9 @@ def _clear(
     plain, rivals = _forms(scene, held, begun, noises, crosses(scene, standing))
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):
+        free = _by_free_runs(standing, best, scene, held, begun[0])
+        if sum(_worth(free)) - sum(_worth(best)) > HOPELESS:
+            return None  # with fewer numbers it is farther behind
         best = _as_stated(best, scene, held, noises)
     if plain is None or best is None or crosses(scene, best):
         return None
