@@ -4,7 +4,8 @@ What the fitted recordings hardly show of the linear part (a mode that only the 
 is fitted to their noise, and a held-out run is foretold by it. So where a held-out run is missed by more
 than noise, or none of the numbers is told by itself, the stated numbers are tried again, all of them and
 mode by mode, the effects fitted anew beside them, and stay where both kinds of recordings together are
-the likelier for it.
+the likelier for it. Not beside a friction table: its levels, fitted anew, trade against a damping
+without a trace (`friction_table`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import Judged, judge
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 
 MISSED = 1.2  # mean square of a held-out run, whitened, from which stated numbers are tried again
 GAINED = 4.0  # log-likelihood of both kinds of recordings that they must bring
@@ -27,6 +29,8 @@ def restrained(held: Scene | None, judged: Judged) -> Judged:
     ones together better. `held`: what judges, raw: no number is granted what the fitted ones leave open."""
     if held is None or not held.trials or not judged.model.corrections:
         return judged
+    if TABLE in judged.model.names:
+        return judged
     whole = held.like(judged.scene)
     likely = _both(whole, judged, judged)
     untold = not _told(judged)
@@ -36,7 +40,7 @@ def restrained(held: Scene | None, judged: Judged) -> Judged:
     for names in _groups(judged):
         kept = {k: v for k, v in judged.model.corrections.items() if k not in names}
         model = replace(judged.model, corrections=kept, held=judged.model.held | names)
-        other = judge(judged.scene, held, model, 6, judged.fit if judged.model.effects else None)
+        other = judge(judged.scene, held, model, 6, judged.fit if model.effects else None)
         worth = _both(whole, other, judged)
         if worth > bar:
             best, bar = other, worth
