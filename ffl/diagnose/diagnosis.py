@@ -219,9 +219,7 @@ def _named(
         plain = Noise(scene.noise.sensor, 1e-6 * scene.noise.force)
         scene = weighed(replace(scene, noise=plain, plain=True), nominal)
         held = replace(held, noise=plain, plain=True)
-    if (
-        scene.plain
-    ):  # as what stands at its limit is told by a model that runs free: beyond, or short of it
+    if scene.plain:  # a model that runs free is told by its limit: beyond it, or short of it
         stands = None
     scene, held = (replace(s, trials=shown(s.trials, stands, model)) for s in (scene, held))
     outcome = contest(scene, held, told, THRESHOLD, progress=say)

@@ -53,9 +53,7 @@ from ffl.systems.plant import EffectSpec, Plant
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
-FAINT = (
-    100.0  # log-likelihood that a number brings as an effect, below which its siblings may be it
-)
+FAINT = 100.0  # log-likelihood that a number brings as an effect: with less a sibling may be it
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
 
 
