@@ -28,11 +28,12 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import POINT, Place, places_of
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.noise.whitening import Whitener
-from ffl.diagnose.recorded.trials import prepare
+from ffl.diagnose.recorded.trials import extent, prepare
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.diagnose.screen.screen import Screen
 from ffl.diagnose.screen.simulated_scan import cogging_of
 from ffl.effects import EFFECTS
+from ffl.effects.motion import Extent
 from ffl.errors import InputError
 from ffl.machines import Simulator
 from ffl.recordings import Recording
@@ -183,12 +184,22 @@ class _Desk:
         return self.measured(calibrate(plant, self.recordings).plant)
 
     def fitted(self, effects: Sequence[EffectSpec], rounds: int = 6) -> Tried | None:
-        """The model with these effects, all numbers fitted once; None where it cannot run."""
+        """The model with these effects, all numbers fitted once; None where it cannot run, or where an
+        effect then has no numbers of its physics. (A preloaded spring as wide as the travel: a cable.)"""
         start = replace(self.model, effects=tuple(effects))
         try:
-            return self.measured(calibrate(start, self.recordings, 1, rounds).plant)
+            plant = calibrate(start, self.recordings, 1, rounds).plant
+            able = all(EFFECTS[e.name].credible(e, self.reach) for e in plant.effects)
+            return self.measured(plant) if able else None
         except InputError:
             return None
+
+    @cached_property
+    def reach(self) -> Extent:
+        """Of the motion that is fitted."""
+        base = Base.of(self.model, max(float(np.ptp(r.y)) for r in self.recordings))
+        trials = [prepare(base.simulator, r, 1e-9) for r in self.recordings]
+        return extent(trials, base.travel, self.model.output_unit)
 
     def best(self, each: Iterable[Sequence[EffectSpec]], rounds: int = 6) -> list[Tried]:
         """Those of `each` that can run, best first; one that leaves nothing but noise ends it."""

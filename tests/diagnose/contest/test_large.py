@@ -79,3 +79,14 @@ def test_what_noise_may_have_done_explains_nothing_that_the_linear_part_does_not
     assert replace(desk, linear=linear).mismatch(named)
     assert not replace(desk, linear=replace(linear, fitted=2.0 * left)).mismatch(named)
     assert not replace(desk, linear=linear).mismatch(linear)
+
+
+def test_a_cable_is_no_preloaded_spring_as_wide_as_the_travel(emps):
+    """Its force is the same wherever the machine went (printer 3 of ten)."""
+    cable = EffectSpec("linear_stiffness", {"stiffness": 900.0, "centre": 0.0})
+    machine = SimulatedMachine(replace(emps, effects=(cable,)))
+    desk = _Desk(emps, scans(machine, 1), scans(machine, 0), print)
+    assert desk.reach.travel == pytest.approx(0.06, rel=0.1)
+    wide = EffectSpec("preloaded_spring", {"preload": 90.0, "centre": 0.0, "width": 0.1})
+    assert desk.fitted((wide,), 1) is None
+    assert desk.fitted((cable,), 1) is not None
