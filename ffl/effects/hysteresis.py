@@ -14,9 +14,7 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("saturating", "hardening")
-NEAR = (
-    1e-7  # of the displacement: so near to a motion tried, z goes along its slope to the last digit
-)
+NEAR = 1e-7  # of the displacement: so near to a motion tried, z goes along its slope
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]

@@ -32,11 +32,10 @@ def restrained(held: Scene | None, judged: Judged) -> Judged:
     if TABLE in judged.model.names:
         return judged
     whole = held.like(judged.scene)
-    likely = _both(whole, judged, judged)
     untold = not _told(judged)
     if not untold and not _missed(whole, judged):
         return judged
-    best, bar = judged, likely + (0.0 if untold else GAINED)
+    best, bar = judged, _both(whole, judged, judged) + (0.0 if untold else GAINED)
     for names in _groups(judged):
         kept = {k: v for k, v in judged.model.corrections.items() if k not in names}
         model = replace(judged.model, corrections=kept, held=judged.model.held | names)

@@ -259,9 +259,8 @@ class Whitener:
     def log_scale(self, n: int) -> float:
         """Sum of the logarithms of the first `n` scales: the likelihood's determinant."""
         m = len(self.scales)
-        logs = np.log(
-            np.where(np.isfinite(self.scales), self.scales, 1.0)
-        )  # what is lost says nothing
+        seen = np.isfinite(self.scales)  # what is lost says nothing
+        logs = np.log(np.where(seen, self.scales, 1.0))
         return float(logs[:n].sum() + max(0, n - m) * logs[-1])
 
     def impulse(self, n: int) -> Array:

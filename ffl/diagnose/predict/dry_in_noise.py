@@ -34,12 +34,10 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PASSES = frozenset({"viscous_friction", "quadratic_drag"})  # for dry friction in noise
-HOPELESS = (
-    200.0  # log-likelihood by which free runs are ahead of a friction that bends the linear part
-)
 CLEAR = 12.0  # log-likelihood, in the mean of fitted and held out, over none and over free runs
 ALSO = 4.0  # of it in either
 LED = 500.0  # log-likelihood by which free runs of a friction are ahead where no other form will be
+HOPELESS = 200.0  # the same of a friction that bends the linear part, and is not worth another fit
 ALIKE = 0.25  # of a level, between the same friction under two noises
 STILL = 0.02  # of a level that stands: force noise below it smooths nothing
 HINT = 4.0  # of it that plain friction must bring for its other forms to be tried

@@ -140,7 +140,7 @@ class Trial:
 
         parts = {
             k: longer(getattr(self, k))
-            for k in ("reference", "feedforward", "load", "y", "u", "asked")
+            for k in ("reference", "feedforward", "load", "y", "u", "asked", "lost")
         }
         begun = self.start_time - rows * self.sample_time
         return replace(self, **parts, start_time=begun, unrest=None)
