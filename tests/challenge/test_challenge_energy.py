@@ -58,7 +58,13 @@ def test_a_constant_force_is_worth_the_samples_it_stands_out_in(family):
 
 CASES = {  # blind 20270101, case 10; development 7404, case 52
     1511617546: (("flexible_mode",), "two_mass_motor", "masked", "careful", None),
-    1542313593: (("flexible_mode", "asymmetric_friction"), "two_mass_load", "none", 'careful', None),
+    1542313593: (
+        ("flexible_mode", "asymmetric_friction"),
+        "two_mass_load",
+        "none",
+        "careful",
+        None,
+    ),
 }
 
 

@@ -33,7 +33,7 @@ def restrained(held: Scene | None, judged: Judged) -> Judged:
         return judged
     whole = held.like(judged.scene)
     untold = not _told(judged)
-    if not untold and not _missed(whole, judged):
+    if not untold and not missed(whole, judged):
         return judged
     best, bar = judged, _both(whole, judged, judged) + (0.0 if untold else GAINED)
     for names in _groups(judged):
@@ -68,7 +68,7 @@ def _told(judged: Judged) -> bool:
     )
 
 
-def _missed(held: Scene, judged: Judged) -> bool:
+def missed(held: Scene, judged: Judged) -> bool:
     residuals = held.residuals(judged.model)
     return residuals is None or float(np.mean(held.whiten(residuals) ** 2)) > MISSED
 

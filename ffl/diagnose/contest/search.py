@@ -30,6 +30,7 @@ from ffl.diagnose.contest.judging import (
     raw_error,
 )
 from ffl.diagnose.contest.line import crosses, on_the_line
+from ffl.diagnose.contest.modes import mode_elsewhere
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -97,7 +98,7 @@ def contest(
         if _ahead(other, outcome, say):
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
-    for other_way in (two_for_two, within_the_travel, begun_late, shares_off):
+    for other_way in (two_for_two, within_the_travel, begun_late, mode_elsewhere, shares_off):
         pair = other_way(outcome.standing.scene, outcome.held, outcome.standing, say)
         if pair is None or scene.work.done:
             continue

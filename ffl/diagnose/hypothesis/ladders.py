@@ -118,21 +118,21 @@ def _best(scene: Scene, like: Fit, starts: Sequence[Model], below: float = np.in
     head = scene.head(rows)
     size = np.maximum(lengths(columns[:rows]), 1e-300)
     begun = np.linalg.qr(columns[:rows] / size)[0]
-    least = each(lambda start: _left(head, begun, start), starts)
+    least = each(lambda start: left_by(head, begun, start), starts)
     basis, costs = orthonormal(columns), np.full(len(starts), np.inf)
     order = deque(np.argsort(least, kind="stable"))
 
     def complete(_: int) -> None:
         k = order.popleft()
         if least[k] <= min(below, costs.min()) * (1.0 + SLACK):
-            costs[k] = _left(scene, basis, starts[k])
+            costs[k] = left_by(scene, basis, starts[k])
 
     each(complete, range(len(starts)))
     k = int(np.argmin(costs))
     return starts[k] if costs[k] < below else None
 
 
-def _left(scene: Scene, basis: Array, start: Model) -> float:
+def left_by(scene: Scene, basis: Array, start: Model) -> float:
     """Sum of squares that a start leaves beyond `basis`."""
     residuals = scene.residuals(start)
     if residuals is None:
@@ -166,7 +166,7 @@ def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
     specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels if level > 0.0]
     if not specs:
         return []
-    left = each(lambda spec: _left(scene, basis, like.model.with_effect(spec)), specs)
+    left = each(lambda spec: left_by(scene, basis, like.model.with_effect(spec)), specs)
     return [Candidate(specs[int(np.argmin(left))], 0.0, 1, Place(EFFECTS[LIMIT].port), like)]
 
 
