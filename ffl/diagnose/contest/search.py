@@ -29,6 +29,7 @@ from ffl.diagnose.contest.judging import (
     noise_error,
     raw_error,
 )
+from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import crosses, on_the_line
 from ffl.diagnose.contest.modes import mode_elsewhere
 from ffl.diagnose.contest.parallel import each
@@ -41,7 +42,6 @@ from ffl.diagnose.contest.settle import (
     SUBSTITUTE,
     excluded,
     one_for_two,
-    plain_lags,
     settle,
 )
 from ffl.diagnose.contest.shares import shares_off

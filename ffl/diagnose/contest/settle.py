@@ -27,7 +27,6 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.friction_table import refined
 from ffl.diagnose.hypothesis.ladders import with_best_start
-from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO, has_zero
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, point_of
 from ffl.diagnose.screen.candidate import Candidate
@@ -123,7 +122,7 @@ def settle(
         if own is None or abs(own[1].fitted - current.fitted) > SUBSTITUTE:
             before = []  # the company has changed since
         others = [(name, current), *(pair for pair in before if pair is not own)]
-        only = PLIABLE | ({FALLING} if name == BY_DIRECTION else set()) if before else None
+        only = _untried(name, before) if before else None
         found = challengers(quiet, current, index, steps, reserve, only)
         others += _in_its_place(quiet, held, current, without, index, found, say)
         names, tried = zip(*others, strict=True)
@@ -153,6 +152,13 @@ def settle(
             best_name = name
         contenders[best_name] = others
     return current, contenders
+
+
+def _untried(name: str, before: Sequence[tuple[str, Judged]]) -> frozenset[str]:
+    """Rivals of an effect that had no leave to come in, and those of its siblings that were not fitted
+    `before` in its place: it may have come by substitution, against the siblings of another."""
+    late = {FALLING} if name == BY_DIRECTION else set()
+    return PLIABLE | late | set(EFFECTS[name].siblings) - {rival for rival, _ in before}
 
 
 def _in_another_form(
@@ -381,20 +387,3 @@ def _plainest(spec: EffectSpec, like: Fit) -> list[Candidate]:
     if plain is None:
         return []
     return [Candidate(plain, 0.0, 1, point_of(spec), like)]
-
-
-def plain_lags(
-    quiet: Scene, held: Scene | None, base: Judged, say: Callable[[str], None]
-) -> Judged:
-    """Two lags without their zero where, beside effects, they do as well: a linear model that was fitted
-    to a machine with the effect bends, and a zero is what two lags have to bend with."""
-    model = base.model
-    if not model.effects or WITHOUT_ZERO in model.corrections:
-        return base
-    if not has_zero(model.base.simulator.mechanics):
-        return base
-    corrections = {**model.corrections, WITHOUT_ZERO: 1.0}
-    plain = replace(model, corrections=corrections, held=model.held | {WITHOUT_ZERO})
-    other, base = levelled([judge(quiet, held, plain, 8), base])
-    say(f"  the lags without their zero: {other.score - base.score:+.1f}")
-    return other if other.score >= base.score else base

@@ -164,6 +164,23 @@ def test_a_rival_that_did_as_well_before_is_still_named_beside_what_stands(with_
     assert "asymmetric_friction" in {name for name, _ in next(iter(contenders.values()))}
 
 
+def test_what_came_by_substitution_meets_its_own_siblings(stage, record, scenes):  # type: ignore[no-untyped-def]
+    """Levels by direction gave way to one level, against which no form that falls with speed had stood."""
+    falling = EffectSpec(
+        "stribeck_friction",
+        {"coulomb_level": 2.0, "static_level": 4.0, "stribeck_velocity": 0.02},
+        {"side": "motor"},
+    )
+    scene, held, model = scenes(record(replace(stage, effects=(falling,))))
+    levels = EffectSpec("asymmetric_friction", {"level_positive": 3.0, "level_negative": 3.0})
+    plain = judge(scene, held, model.with_effect(LEVEL))
+    two = judge(scene, held, model.with_effect(levels))
+    tried = {LEVEL.name: [(LEVEL.name, plain), (levels.name, two)]}
+    found, _ = settle(scene, held, plain, [], frozenset(), lambda line: None, tried)
+    assert found.model.names == (falling.name,)
+    assert found.model.effects[0].parameters["static_level"] == pytest.approx(4.0, rel=0.05)
+
+
 def test_between_two_of_as_many_numbers_what_is_open_decides_nothing(stage, record, scenes):
     """Friction 2 standard errors off loses on recordings that judge; with them granted it does not."""
     dry = EffectSpec("coulomb_friction", {"level": 3.0})
