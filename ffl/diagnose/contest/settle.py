@@ -155,10 +155,12 @@ def settle(
 
 
 def _untried(name: str, before: Sequence[tuple[str, Judged]]) -> frozenset[str]:
-    """Rivals of an effect that had no leave to come in, and those of its siblings that were not fitted
-    `before` in its place: it may have come by substitution, against the siblings of another."""
+    """Rivals of an effect that had no leave to come in. Of one that came by substitution (the first of
+    `before` stood then, and had its own siblings tried) also those of its siblings that were not."""
     late = {FALLING} if name == BY_DIRECTION else set()
-    return PLIABLE | late | set(EFFECTS[name].siblings) - {rival for rival, _ in before}
+    came = before[0][0] != name
+    new = set(EFFECTS[name].siblings) - {rival for rival, _ in before} if came else set()
+    return PLIABLE | late | new
 
 
 def _in_another_form(

@@ -175,7 +175,7 @@ def test_what_came_by_substitution_meets_its_own_siblings(stage, record, scenes)
     levels = EffectSpec("asymmetric_friction", {"level_positive": 3.0, "level_negative": 3.0})
     plain = judge(scene, held, model.with_effect(LEVEL))
     two = judge(scene, held, model.with_effect(levels))
-    tried = {LEVEL.name: [(LEVEL.name, plain), (levels.name, two)]}
+    tried = {LEVEL.name: [(levels.name, two), (LEVEL.name, plain)]}
     found, _ = settle(scene, held, plain, [], frozenset(), lambda line: None, tried)
     assert found.model.names == (falling.name,)
     assert found.model.effects[0].parameters["static_level"] == pytest.approx(4.0, rel=0.05)
