@@ -311,7 +311,7 @@ def _draw(names, machine, concealment, doubt, fault, rng):
     parts, noise, found = fitted
     if not _sound(setup, parts, scales, noise, rng) or not _beyond_the_line(setup, parts, scales):
         return None
-    if _swallowed(setup, parts, scales, noise):
+    if concealment != "weak" and _swallowed(setup, parts, scales, noise):
         return None
     return setup, parts, scales, noise, found
 

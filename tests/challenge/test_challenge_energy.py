@@ -94,3 +94,12 @@ def test_a_mode_that_a_resonance_moved_farther_makes_up_for_is_no_case(seed, mon
         noise, lens.whiten(noise, [a - b for a, b in zip(pushed, runs, strict=True)]), ""
     )
     assert 0.3 * plain < lens.beyond_moved(noise, pushed) < 1.3 * plain
+
+
+def test_a_mode_too_weak_to_be_found_is_a_case_of_its_own(tmp_path):
+    """Nothing of it shows beyond the model's parameters, as it should be: it is drawn all the same."""
+    truth = case.make_case(
+        1610501792, ("flexible_mode",), "kernel2018", "weak", out_dir=tmp_path, name="a"
+    )
+    assert truth["kind"] == "weak"
+    assert truth["verdicts"] == ["nothing_missing", "inconclusive"]
