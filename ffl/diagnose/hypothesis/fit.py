@@ -10,6 +10,7 @@ import numpy as np
 
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Runs, Scene, is_far
+from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.stepping import FEW, aligned, damped, further_on, principal_steps
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
@@ -19,6 +20,7 @@ from ffl.systems.state_space import Array
 
 WORST = 1e30
 LEAST_DAMPING = 1e-10
+SPREAD_EVENLY = float(np.sqrt(12.0))  # range over standard deviation
 STALE = 4  # rank-one updates on which small steps are no longer believed to be all there is
 SLOW = 0.3  # of the sum of squares: a small step
 ASTRAY = 0.25  # of a round: one simulation instead of one for every number
@@ -101,15 +103,17 @@ class Fit:
 
     @cached_property
     def root(self) -> tuple[Array, Array] | None:
-        """(half (p, p), scale (p,)) with (J'J)^-1 = half half'/(scale scale'), by SVD; directions below
-        1e-9 of the largest at that, those in which a run overflows among them. None where the data see
-        nothing of any number."""
+        """(half (p, p), scale (p,)) with (J'J + P)^-1 = half half'/(scale scale'), by SVD; P: an option
+        (how a mass is shared) is somewhere within its bounds, and what the data do not see of it may not
+        pass for doubt of the other numbers. Directions below 1e-9 of the largest at that, those in which
+        a run overflows among them. None where the data see nothing of any number."""
         j = np.where(np.isfinite(self.jacobian).all(axis=0), self.jacobian, 0.0)
         if j.shape[1] == 0:
             return None
-        scale = np.maximum(lengths(j), 1e-150)  # its square must not vanish
+        within = np.array([_within(c) for c in self.model.coordinates])
+        scale = np.maximum(np.hypot(lengths(j), within), 1e-150)  # its square must not vanish
         r, _ = triangle(j / scale, self.white)
-        _, s, vt = np.linalg.svd(r)
+        _, s, vt = np.linalg.svd(np.vstack([r, np.diag(within / scale)]))
         if not s[0] > 0.0:
             return None
         return vt.T / np.where(s < 1e-9 * s[0], 1e-9 * s[0], s), scale
@@ -182,6 +186,11 @@ def _difference(scene: Scene, model: Runs, base: Sequence[Array], step: Array) -
     if residuals is None:
         return np.zeros(scene.samples)
     return np.concatenate([a - b for a, b in zip(base, residuals, strict=True)])
+
+
+def _within(c: Coordinate) -> float:
+    """1/standard deviation of an option that may be anywhere within its bounds; 0 of other numbers."""
+    return SPREAD_EVENLY / (c.upper - c.lower) if c.kind == "option" else 0.0
 
 
 def surprise(model: Model) -> float:

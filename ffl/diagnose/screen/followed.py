@@ -4,8 +4,8 @@ A regressor of an effect is a signal along the motion. Along the motion that a w
 wrong as well: a limit that the simulated command never reaches has none, two strong effects hide one
 another. Far from what was measured the motion is therefore also taken from the recording itself: a
 force beside the command, found by Wiener's two-sided filter, leads the simulation, every point of the
-machine with it, to y. It follows noise too (FINDINGS, Diagnosis 3), so that what is seen along it
-starts a fit and decides nothing.
+machine with it, to y. It follows noise too, so that what is seen along it starts a fit and decides
+nothing.
 """
 
 from __future__ import annotations

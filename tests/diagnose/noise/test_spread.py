@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -11,6 +14,12 @@ from ffl.diagnose.noise.spread import spread
 
 TRUE = np.array([2.0, -1.0])
 N = 4000
+NUMBER = SimpleNamespace(kind="effect")
+OPTION = SimpleNamespace(kind="option", lower=np.log(0.05), upper=np.log(20.0))
+
+
+def model_of(*coordinates):  # type: ignore[no-untyped-def]
+    return SimpleNamespace(coordinates=coordinates)
 
 
 def fitted(rng, alike):  # type: ignore[no-untyped-def]
@@ -20,7 +29,7 @@ def fitted(rng, alike):  # type: ignore[no-untyped-def]
     noise = scipy.signal.lfilter([1.0], [1.0, -alike], rng.standard_normal(N))
     y = table @ TRUE + noise
     theta = np.linalg.lstsq(table, y, rcond=None)[0]
-    return theta, Fit(None, y - table @ theta, table, table, "converged")
+    return theta, Fit(model_of(NUMBER, NUMBER), y - table @ theta, table, table, "converged")
 
 
 def covered(errors, alike, draws=150):  # type: ignore[no-untyped-def]
@@ -53,7 +62,25 @@ def test_in_white_noise_they_are_those_of_white_noise():
 
 def test_what_the_data_do_not_see_stays_unknown():
     _, fit = fitted(np.random.default_rng(5), 0.0)
-    blind = Fit(None, fit.white, np.column_stack([fit.jacobian, np.zeros(N)]), fit.columns, "")
+    three = model_of(NUMBER, NUMBER, NUMBER)
+    table = np.column_stack([fit.jacobian, np.zeros(N)])
+    blind = replace(fit, model=three, jacobian=table)
     found = blocks(blind)
     assert found[2] > 1e6 * found[0]
     np.testing.assert_allclose(found[:2], blocks(fit), rtol=1e-6)
+
+
+def test_an_option_that_nothing_shows_is_no_doubt_of_the_others():
+    """How a mass is shared, beside a spring that hardly depends on it: its column is a ten-thousandth of
+    the others', and nearly theirs. The mass was told to 14 % (20270103/0098), and 6.3 % not as missing."""
+    rng = np.random.default_rng(6)
+    _, fit = fitted(rng, 0.0)
+    nearly = 1e-4 * fit.jacobian @ [1.0, 1.0] + 1e-6 * rng.standard_normal(N)
+    table = np.column_stack([fit.jacobian, nearly])
+    free = replace(fit, model=model_of(NUMBER, NUMBER, NUMBER), jacobian=table)
+    within = replace(fit, model=model_of(NUMBER, NUMBER, OPTION), jacobian=table)
+    plain = fit.spread
+    assert np.all(free.spread[:2] > 20.0 * plain)
+    np.testing.assert_allclose(within.spread[:2], plain, rtol=1e-3)
+    assert within.spread[2] == pytest.approx(np.log(400.0) / np.sqrt(12.0), rel=0.01)
+    np.testing.assert_allclose(blocks(within)[:2], blocks(fit), rtol=1e-2)
