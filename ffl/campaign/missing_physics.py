@@ -45,8 +45,8 @@ class Story:
     calibrated model as machine (noise, encoder and command limit included) gives for the same
     number of trials; `second` the error with the last parameters on a reference never learned,
     `second_promised` the same on the model, `linear_second` with those of the stall. `again` and
-    `promised_again`: the feedforwards of the last `SETTLED` trials repeated with other noise, a row
-    each, on the machine and on the model.
+    `promised_again` (COURSES, SETTLED): the last trials of courses from the plan on, each with its own
+    noise, on the machine and on the model.
     """
 
     seed: int

@@ -69,6 +69,7 @@ def _told(judged: Judged) -> bool:
 
 
 def missed(held: Scene, judged: Judged) -> bool:
+    """Whether the held-out recordings are missed by more than noise."""
     residuals = held.residuals(judged.model)
     return residuals is None or float(np.mean(held.whiten(residuals) ** 2)) > MISSED
 
