@@ -22,6 +22,7 @@ from ffl.diagnose.recorded.where import Forces
 from ffl.diagnose.transmission.encoders import Smoother
 from ffl.diagnose.transmission.transmission import transmission
 from ffl.effects.cascade import BETWEEN
+from ffl.effects.position_dependent_friction import is_cubic
 from ffl.errors import InputError
 from ffl.machines import Simulation, Simulator
 from ffl.recordings import Recording, read_recording
@@ -260,7 +261,8 @@ def draw_emps_table(keep: Path) -> Figure:
         hats = [np.interp(forces.position[rows], table["grid"], unit) for unit in units]
         compared[key] = np.linalg.lstsq(np.transpose(hats), -sign * dry[rows], rcond=None)[0]
     figure, ax = subplots(9.5, 4.0)
-    draw.friction_table(ax, table, plant.input_unit, plant.output_unit)
+    smooth = any(is_cubic(spec.options) for spec in plant.effects)
+    draw.friction_table(ax, table, plant.input_unit, plant.output_unit, smooth=smooth)
     draw.friction_table(ax, compared, plant.input_unit, plant.output_unit, ", PULSES alone")
     one_legend(figure, [ax])
     return figure

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import CubicSpline
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.bristle import carried, set_bristle
@@ -15,6 +17,8 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 LEAST = 1e-12  # output units: travel before a level of zero slides
+FINE = 8  # straight pieces of a curve between two knots
+CUBIC = {"interpolation": "cubic"}
 MUCH = 0.3  # of the level, at the ends: what a spring must make of it to be spoken of
 LITTLE = 0.2  # of the variance of what the directions differ by: what a spring may leave
 
@@ -84,6 +88,8 @@ class PositionDependentFriction(Effect):
     With a `stiffness` the contact gives way before it slides (LuGre): F = -stiffness z,
     dz/dt = v - |v| z stiffness/(level share(v)), share(v) = 1 + (static_ratio - 1)
     exp(-(v/stribeck_velocity)^2); `static_ratio` below 1 is friction that eases near standstill.
+    Between knots the level goes straight, or (`interpolation` = "cubic") on the cubic spline through
+    them, in `FINE` straight pieces, never below 0; beyond the ends it is constant.
     """
 
     name = "position_dependent_friction"
@@ -96,6 +102,7 @@ class PositionDependentFriction(Effect):
     )
     depends_on = ("position", "direction")
     siblings = ("coulomb_friction", "asymmetric_friction", "cogging")
+    options = {"interpolation": ("linear", "cubic")}  # noqa: RUF012
     law = staticmethod(_law)
     remembers = True
     switches = True
@@ -133,7 +140,8 @@ class PositionDependentFriction(Effect):
         return table
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
-        table, scale = values["table"], 1.0 / setting.force_per_input
+        table = drawn_out(values["table"]) if is_cubic(setting.options) else values["table"]
+        scale = 1.0 / setting.force_per_input
         levels = [scale * v for key in ("positive", "negative") for v in table[key]]
         return [float(len(table["grid"])), *table["grid"], *levels, *self._contact(values, scale)]
 
@@ -169,9 +177,14 @@ class PositionDependentFriction(Effect):
         return [{"knots": float(n), "low": low, "high": high} for n in (5, 9)]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
-        """Hat functions of position for either direction; `knots` spread from `low` to `high`."""
-        grid = _grid(nonlinear)
-        hats = np.array([np.interp(motion.x, grid, row) for row in np.eye(len(grid))]).T
+        """One function of position per knot for either direction, 1 there and 0 at all others: a hat, or
+        a spline; `knots` spread from `low` to `high`."""
+        knots = _grid(nonlinear)
+        grid, rows = knots, np.eye(len(knots))
+        if is_cubic(nonlinear):
+            grid = _finer(knots)
+            rows = _spline(knots, rows, grid)
+        hats = np.array([np.interp(motion.x, grid, row) for row in rows]).T
         direction = motion.direction[:, None]
         return np.hstack([-hats * np.maximum(direction, 0), hats * np.maximum(-direction, 0)])
 
@@ -225,6 +238,32 @@ class PositionDependentFriction(Effect):
             f" The directions differ as by a spring of {spring} about {-offset / slope:.4g}"
             f" {plant.output_unit}, which no recording of such a table tells from it."
         )
+
+
+def is_cubic(options: Mapping[str, Any]) -> bool:
+    """Whether levels go on a spline between knots."""
+    return options.get("interpolation") == CUBIC["interpolation"]
+
+
+def drawn_out(table: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+    """The cubic spline through the knots of `table` as one with `FINE` times as many."""
+    knots = np.asarray(table["grid"], float)
+    grid, sides = _finer(knots), ("positive", "negative")
+    curves = _spline(knots, np.array([table[key] for key in sides]), grid)
+    levels = {key: np.maximum(c, 0.0).tolist() for key, c in zip(sides, curves, strict=True)}
+    return {"grid": grid.tolist(), **levels}
+
+
+def _finer(knots: Array) -> Array:
+    """`FINE` steps for every one of `knots`."""
+    at = np.linspace(0.0, len(knots) - 1.0, FINE * (len(knots) - 1) + 1)
+    return np.interp(at, np.arange(len(knots)), knots)
+
+
+def _spline(knots: Array, rows: Array, grid: Array) -> Array:
+    """Every one of `rows` at `grid`; its third derivative is continuous at the second knot from an end."""
+    ends = "not-a-knot" if len(knots) > 3 else "natural"
+    return np.asarray(CubicSpline(knots, rows, axis=1, bc_type=ends)(grid))
 
 
 _NUMBER = Parameter("table", "F", lower=-np.inf)

@@ -14,6 +14,7 @@ from ffl.diagnose import Diagnosis, diagnose
 from ffl.diagnose.proof.advise import Experiment
 from ffl.diagnose.result import NO_CHANCE
 from ffl.effects import EFFECTS
+from ffl.effects.position_dependent_friction import is_cubic
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
 from ffl.report.page import Page, drawing, subplots
@@ -196,7 +197,9 @@ def _overview(page: Page, d: Diagnosis) -> None:
         if "table" in f.parameters:
             figure, ax = subplots()
             levels = f.parameters["table"]
-            draw.friction_table(ax, levels.value, levels.unit, d.plant.output_unit)
+            draw.friction_table(
+                ax, levels.value, levels.unit, d.plant.output_unit, smooth=is_cubic(f.options)
+            )
             page.figure(figure, "Friction over position", "Levels of dry friction by direction.")
         if f.rivals:
             rivals = ", ".join(f"{name} ({p:.2f})" for name, p in f.rivals)

@@ -15,6 +15,7 @@ from ffl.diagnose.proof.advise import Experiment
 from ffl.diagnose.proof.prove import Overlay
 from ffl.diagnose.recorded.where import Forces, Map
 from ffl.effects import is_speed
+from ffl.effects.position_dependent_friction import drawn_out
 from ffl.report.page import COLOURS
 
 POINTS = 2000  # most points of a curve
@@ -124,14 +125,17 @@ def _label(rival: Judged) -> str:
 
 
 def friction_table(
-    ax: Axes, table: Mapping[str, Sequence[float]], unit: str, output_unit: str, label: str = ""
-) -> Axes:
-    """Levels of dry friction over position, moving up and down."""
+    ax: Axes, table: Mapping[str, Sequence[float]], unit: str, output_unit: str, label: str = "",
+    smooth: bool = False,
+) -> Axes:  # fmt: skip
+    """Levels of dry friction over position, moving up and down; `smooth`: on a curve between knots."""
+    curve = drawn_out(table) if smooth else table
     for key, colour, side in (("positive", 0, "moving up"), ("negative", 1, "moving down")):
-        ax.plot(
-            table["grid"], table[key], "." if label else ".-", color=COLOURS[colour],
-            label=f"{side}{label}", markersize=5 if label else 3,
-        )  # fmt: skip
+        own = {"color": COLOURS[colour], "label": f"{side}{label}"}
+        if not label:
+            ax.plot(curve["grid"], curve[key], "-", **own)
+            own.pop("label")
+        ax.plot(table["grid"], table[key], ".", **own, markersize=5 if label else 3)
     ax.set_xlabel(f"position [{output_unit}]")
     ax.set_ylabel(f"level [{unit}]")
     ax.legend()

@@ -6,7 +6,10 @@ from cases import ORACLE, STAGE, reference
 from oracle import Case, run
 
 from ffl.effects import EFFECTS
+from ffl.effects.motion import Motion
+from ffl.effects.position_dependent_friction import FINE, drawn_out
 from ffl.effects.slip import slip
+from ffl.errors import InputError
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
 
@@ -227,3 +230,50 @@ def test_another_velocity_of_logarithmic_friction_keeps_the_force_at_the_first()
     assert other["velocity"] == 0.002
     force = [p["level"] * np.arcsinh(0.03 / p["velocity"]) for p in (values, other)]
     assert force[0] == pytest.approx(force[1], rel=1e-12)
+
+
+def waved(count):
+    """A level that goes as a wave over position, at so many knots."""
+    grid = np.linspace(-0.03, 0.03, count)
+    up, down = 5.0 + 2.0 * np.sin(140.0 * grid), 5.0 - 1.5 * np.cos(100.0 * grid)
+    return {"grid": grid.tolist(), "positive": up.tolist(), "negative": down.tolist()}
+
+
+def waves(count, **options):
+    return EffectSpec("position_dependent_friction", {"table": waved(count)}, options)
+
+
+def test_a_smooth_table_goes_on_the_spline_through_its_knots():
+    smooth = waves(9, interpolation="cubic")
+    finer = EffectSpec(smooth.name, {"table": drawn_out(waved(9))})
+    assert len(finer.parameters["table"]["grid"]) == 8 * FINE + 1
+    r = reference()
+    run = CLOSED.run([smooth], r)
+    assert np.array_equal(run.y, CLOSED.run([finer], r).y)
+    exact = CLOSED.run([waves(2001)], r).y
+    left = [np.abs(y - exact).max() for y in (run.y, CLOSED.run([waves(9)], r).y)]
+    assert 0.0 < 10.0 * left[0] < left[1]
+
+
+def test_a_smooth_table_never_falls_below_zero():
+    dips = {"grid": [0.0, 1.0, 2.0, 3.0, 4.0], "positive": [9.0, 0.0, 0.0, 0.0, 9.0]}
+    levels = drawn_out({**dips, "negative": [1.0, 1.0, 1.0, 1.0, 1.0]})
+    assert min(levels["positive"]) == 0.0
+    assert np.allclose(levels["negative"], 1.0)
+
+
+def test_regressors_of_a_smooth_table_make_its_force():
+    spec = waves(9, interpolation="cubic")
+    effect = EFFECTS[spec.name]
+    motion = Motion.of_reference(reference(), STAGE.sample_time)
+    form = {**effect.nonlinear_of(spec.parameters), **spec.options}
+    force = effect.regressors(motion, **form) @ effect.coefficients_of(spec.parameters)
+    levels = drawn_out(spec.parameters["table"])
+    up, down = (np.interp(motion.x, levels["grid"], levels[k]) for k in ("positive", "negative"))
+    wanted = -np.where(motion.direction > 0, up, down) * motion.direction
+    assert np.allclose(force, wanted, rtol=1e-9, atol=1e-12)
+
+
+def test_an_interpolation_that_nobody_knows_is_told():
+    with pytest.raises(InputError, match="cubic"):
+        CLOSED.run([waves(9, interpolation="cubics")], reference())

@@ -18,6 +18,7 @@ from ffl.diagnose.contest.judging import PER_NUMBER, Judged, judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.effects import EFFECTS
+from ffl.effects.position_dependent_friction import CUBIC, drawn_out, is_cubic
 
 NAME = "position_dependent_friction"
 MOST_KNOTS = 33
@@ -34,8 +35,8 @@ SIMPLE = "damping"  # the correction that a table can take over
 
 
 def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str], None]) -> Judged:
-    """`judged` with a contact that yields, a level that changes near standstill and twice the knots
-    in its table, each as long as that pays, and with the simple terms put first."""
+    """`judged` with a contact that yields, a level that changes near standstill, a curve between the knots
+    of its table and twice as many of them, each as long as that pays, and with the simple terms first."""
 
     def tried(model: Model) -> Judged:
         return judge(quiet, held, model, 6, judged.fit)
@@ -56,6 +57,10 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
             current = form
         elif _loses(form, current):
             break
+    if not _is_smooth(current.model):
+        smooth, current = levelled([tried(_smooth(current.model)), current])
+        say(f"  a smooth table: {_gain(smooth, current)}")
+        current = smooth if smooth.score > current.score else current
     last = np.inf
     while (finer := _finer(current.model)) is not None:
         if last < PER_NUMBER * (len(finer.theta) - len(current.model.theta)):
@@ -153,13 +158,26 @@ def _easing(model: Model, top: float) -> Iterator[Model]:
             yield _with(model, {**values, "static_ratio": ratio, "stribeck_velocity": share * top})
 
 
+def _is_smooth(model: Model) -> bool:
+    return is_cubic(model.effects[model.names.index(NAME)].options)
+
+
+def _smooth(model: Model) -> Model:
+    """With a cubic spline through the knots."""
+    effects = tuple(
+        replace(e, options={**e.options, **CUBIC}) if e.name == NAME else e for e in model.effects
+    )
+    return replace(model, effects=effects)
+
+
 def _finer(model: Model) -> Model | None:
     """Twice the knots."""
     table = _table(model)
     grid = np.linspace(table["grid"][0], table["grid"][-1], 2 * len(table["grid"]) - 1)
     if len(grid) > MOST_KNOTS:
         return None
-    sides = {k: np.interp(grid, table["grid"], table[k]).tolist() for k in ("positive", "negative")}
+    whole = drawn_out(table) if _is_smooth(model) else table
+    sides = {k: np.interp(grid, whole["grid"], whole[k]).tolist() for k in ("positive", "negative")}
     return _with(model, {**_values(model), "table": {"grid": grid.tolist(), **sides}})
 
 

@@ -88,3 +88,20 @@ def test_what_goes_by_position_is_no_patch_of_a_coarse_table(monkeypatch, stage,
     assert len(said) == (len(kept) < 2)
     bare = reached(Model(Base.of(stage, 0.05)), 0.0, 0)
     assert friction_table.no_patch(None, None, bare, rivals, said.append) == rivals
+
+
+def test_twice_the_knots_of_a_smooth_table_lie_on_its_curve(stage):  # type: ignore[no-untyped-def]
+    grid = np.linspace(0.0, 0.05, 5)
+    table = {"grid": grid.tolist(), "positive": (1.0 + np.sin(60.0 * grid)).tolist()}
+    table["negative"] = [2.0] * 5
+    model = Model(Base.of(stage, 0.05)).with_effect(
+        EffectSpec(friction_table.NAME, {"table": table})
+    )
+    for begun, most in ((model, 0.2), (friction_table._smooth(model), 0.02)):
+        found = friction_table._finer(begun)
+        assert found is not None
+        assert found.effects[0].options == begun.effects[0].options
+        finer = found.effects[0].parameters["table"]
+        assert len(finer["grid"]) == 9
+        left = np.abs(np.array(finer["positive"]) - 1.0 - np.sin(60.0 * np.array(finer["grid"])))
+        assert left.max() < most
