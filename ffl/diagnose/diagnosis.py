@@ -40,9 +40,10 @@ from ffl.diagnose.recorded.commands import as_limited, passing, reached
 from ffl.diagnose.recorded.glitches import without_glitches, without_turns
 from ffl.diagnose.recorded.holds import HELD, moves
 from ffl.diagnose.recorded.mistaken import mistakes
+from ffl.diagnose.recorded.signs import looks_folded, unfolded
 from ffl.diagnose.recorded.starts import with_starts
-from ffl.diagnose.recorded.trials import blocks, commanded, prepared, stretches
-from ffl.diagnose.recorded.unfold import RECTIFIED, folded_scenes, looks_folded, unfolded
+from ffl.diagnose.recorded.trials import Trial, blocks, commanded, prepared, stretches
+from ffl.diagnose.recorded.unfold import RECTIFIED, folded_scenes, learned_anew
 from ffl.diagnose.result import Diagnosis
 from ffl.diagnose.transmission.transmission import transmission
 from ffl.errors import InputError
@@ -61,6 +62,7 @@ SMOOTHS = (
     "noise decides when this machine sticks and slips, which a free run knows nothing of: dry friction was "
     "named by prediction from sample to sample"
 )
+BLIND = "the output turns back at zero: the sensor is blind to the sign"
 FOLD = 0.5  # of the squared error: what a sign-blind sensor must leave at most
 NO_WORSE = 1.1  # times it, where the recordings that are fitted, or that judge, show no folds
 ANEW = 0.9  # of what it leaves before the stated linear part: then that is learned anew
@@ -154,13 +156,15 @@ def _diagnose_output(
 class Comparison:
     """The plant that the recordings are compared with, fitted and judging ones; `observed`: its controller
     is an observer, whose reference is y; `slowest`: lowest corner of coloured noise, Hz: the observer takes
-    slower noise for physics, which it leads past."""
+    slower noise for physics, which it leads past; `folded`: y as it was before a sensor that is blind to
+    its sign."""
 
     model: Plant
     recordings: Sequence[Recording]
     validation: Sequence[Recording]
     observed: bool = False
     slowest: float = SLOWEST
+    folded: bool = False
 
 
 def _named(
@@ -174,6 +178,12 @@ def _named(
     """What `stated` leaves out of the recordings, as they are `seen`."""
     model, recordings, validation = seen.model, seen.recordings, seen.validation
     everything = [*recordings, *validation]
+    signed = None if seen.folded else unfolded(model, everything)
+    if signed is not None:
+        say(BLIND)
+        first, last = signed[: len(recordings)], signed[len(recordings) :]
+        seen = replace(seen, recordings=first, validation=last, folded=True)
+        return _named(stated, seen, health, notes, rng, say)
     travel = max(float(np.ptp(r.y)) for r in everything)
     until = max(float(np.abs(r.t).max()) for r in everything)
     limit, left = reached(model, everything), passing(everything)
@@ -188,8 +198,12 @@ def _named(
     if sum(map(len, (*recordings, *validation))) < sum(map(len, everything)):
         notes.append(HELD)
     short, short_held = stretches(recordings, LONG), stretches(validation, LONG)
-    trials = prepared(base.simulator, short, prior.sensor)
-    judging = prepared(base.simulator, short_held, prior.sensor)
+
+    def ready(listed: Sequence[Recording]) -> tuple[Trial, ...]:
+        made = prepared(base.simulator, listed, prior.sensor)
+        return tuple(replace(trial, folded=seen.folded) for trial in made)
+
+    trials, judging = ready(short), ready(short_held)
     scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
     if seen.observed:
         scene = replace(scene, slowest=seen.slowest, observed=True)
@@ -203,13 +217,14 @@ def _named(
         return unlike(model, health, "the model's simulation diverges on these recordings")
     scene = replace(scene, noise=_first_noise(scene, residuals, prior))
     held = replace(scene, trials=judging)
-    stands = clipping(model, everything)
-    told = nominal if stands is None else nominal.with_proven(stands)
+    stands = None if seen.folded else clipping(model, everything)
+    direct = RECTIFIED if seen.folded else stands
+    told = nominal if direct is None else nominal.with_proven(direct)
     folds = _through_folds(nominal, scene, held, recordings, (short, short_held))
     if folds is not None:
         told, scene, held = folds
         if told.base is base:
-            say("the output turns back at zero: the sensor is blind to the sign")
+            say(BLIND)
         else:
             say("the output turns back at zero: the linear part is learned through its folds")
             notes.append(
@@ -238,8 +253,8 @@ def _named(
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")
-        trials = shown(prepared(base.simulator, recordings, prior.sensor), stands, model)
-        judging = shown(prepared(base.simulator, validation, prior.sensor), stands, model)
+        trials = shown(ready(recordings), stands, model)
+        judging = shown(ready(validation), stands, model)
         scene, held = replace(standing.scene, trials=trials), replace(held, trials=judging)
         scene = with_starts(scene, standing.model)
         held = with_starts(held.like(scene), standing.model)
@@ -277,7 +292,7 @@ def _through_folds(
         return None
     straight = raw_error(scene, nominal), raw_error(held, nominal)
     ways = []
-    for plant in (base.plant, unfolded(base.plant, short[0])):
+    for plant in (base.plant, learned_anew(base.plant, short[0])):
         if plant is not None:
             own = base if plant is base.plant else base.like(plant)
             model = Model(own).with_proven(RECTIFIED)

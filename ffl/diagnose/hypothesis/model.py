@@ -193,7 +193,7 @@ class Model:
 
     @cached_property
     def before_limit(self) -> Model:
-        """The machine before a sensor known to clip."""
+        """The machine before a sensor known to clip, or to be blind to the sign."""
         kept = tuple(s for s in self.effects if s.name != CLIPS or s.name not in self.proven)
         return self._stepped(effects=kept)
 
@@ -205,8 +205,9 @@ class Model:
 
     def judged_on(self, trials: Sequence[Trial]) -> tuple[Model, list[Trial]]:
         """The machine and recordings that it is judged on: behind its drive, where all commands are
-        known, and before its sensor's limit, where this is: what was lost beyond, nobody judges."""
-        if all(trial.lost is not None for trial in trials):
+        known, and before its sensor's limit, where this is: what was lost beyond, nobody judges; before its
+        sensor, where this lost no more than signs that could be read."""
+        if all(trial.lost is not None or trial.folded for trial in trials):
             return self.before_limit, list(trials)
         if self.behind is not self:
             sent = [as_sent(trial, self.acting) for trial in trials]

@@ -164,7 +164,7 @@ def conclude(
         notes.append(
             f"{stands} in augmented.toml: no size of its own is told, it stands in for another"
         )
-    raw = quiet.residuals(nominal) or []
+    raw = replace(quiet, trials=tuple(t.recorded for t in quiet.trials)).residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
     explained = lost.fitted.scene if lost else quiet
     left = (quiet.residuals(maps) if maps else explained.residuals(bare)) or []

@@ -112,7 +112,7 @@ def with_map(proof: Proof, held: Scene, maps: FreeModel) -> Proof:
         replace(o, y_after=run.y, u_after=run.u)
         for o, run in zip(proof.overlays, after, strict=True)
     )
-    error = nrmse([t.y for t in held.trials], [run.y for run in after])
+    error = nrmse([t.recorded.y for t in held.trials], [run.y for run in after])
     return replace(proof, overlays=overlays, nrmse_with_map=error)
 
 
@@ -129,7 +129,7 @@ def prove(
     them, one per held-out recording. The noise floor is what noise as `judged` sees it leaves: on a
     plant with effects by runs with noise drawn, on a linear one by its transfer functions.
     `observed`: the controller is an observer's, so u is none of its business."""
-    trials = held.trials
+    trials = [t.recorded for t in held.trials]
     y = [t.y for t in trials]
     u = [t.u for t in trials]
     paths = _paths(held)

@@ -61,9 +61,15 @@ class Trial:
     asked: Array | None = None  # by the controller, where the drive's stated limit was reached
     goes_on: bool = False  # a later piece of the recording before it
     lost: Array | None = None  # which samples a sensor at its limit could not show (see `clip`)
+    folded: bool = False  # y has the signs that its sensor is blind to (see `signs`)
 
     def __len__(self) -> int:
         return len(self.y)
+
+    @property
+    def recorded(self) -> Trial:
+        """With y as the sensor showed it."""
+        return replace(self, y=np.abs(self.y), folded=False) if self.folded else self
 
     @property
     def started(self) -> bool:

@@ -18,6 +18,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.first_state import in_motion_from
+from ffl.diagnose.recorded.signs import NEAR
 from ffl.diagnose.recorded.trials import Trial, prepare
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -26,9 +27,6 @@ from ffl.systems.state_space import Array
 from ffl.systems.zpk import Zpk
 
 RECTIFIED = EffectSpec("sensor_nonlinearity", {"kind": "rectified", "level": 0.0})
-BELOW = 0.03  # of the range: how far a folded output may fall below zero, or a drive by rounding
-NEAR = 0.05  # of the range: how near to zero it must come
-TOUCHES = 3
 MOST = 3000  # samples that the search looks at
 RESONANCES = 8
 ROUNDS = 400
@@ -38,21 +36,7 @@ LEARNED = "ffl identify linear, through a sensor blind to the sign"
 FIRST = 0.7  # of a recording: what each start is fitted to
 
 
-def looks_folded(plant: Plant, recordings: Sequence[Recording]) -> bool:
-    """Open loop, a drive of both signs, and an output that turns back at zero again and again."""
-    if plant.controller is not None or not all(np.all(np.isfinite(r.u)) for r in recordings):
-        return False
-    for r in recordings:
-        size = float(r.y.max())
-        if r.y.min() < -BELOW * size or r.y.min() > NEAR * size:
-            return False
-        near = r.y < NEAR * size
-        if np.count_nonzero(np.diff(near.astype(int)) == 1) < TOUCHES:
-            return False
-    return any(r.u.min() < -BELOW * np.abs(r.u).max() < 0.0 < r.u.max() for r in recordings)
-
-
-def unfolded(plant: Plant, recordings: Sequence[Recording]) -> Plant | None:
+def learned_anew(plant: Plant, recordings: Sequence[Recording]) -> Plant | None:
     """`plant` with a linear part of the same order whose magnitude fits `recordings`: of all converged
     starts, each fitted to the first `FIRST` of every recording, the one that foretells the rest best
     (what fits best may only imitate the folds), fitted to all of them then."""

@@ -160,7 +160,8 @@ class Screen:
         """What the model's sensor shows of a small change, (N,) of each recording: minus that where it
         is blind to the sign, nothing where it clips, more or less where its scale bends; None where all
         of it. Of a change of the motion, and of one that the sensor makes."""
-        blind = [(EFFECTS[s.name], s.parameters) for s in self.model.acting]
+        machine, _ = self.model.judged_on(self.scene.trials)
+        blind = [(EFFECTS[s.name], s.parameters) for s in machine.acting]
         blind = [pair for pair in blind if pair[0].passes(pair[1], np.zeros(1)) is not None]
         if not blind:
             return None, None

@@ -21,8 +21,8 @@ from ffl.diagnose.noise.plain import too_loud
 from ffl.diagnose.proof.prove import run_plant
 from ffl.diagnose.recorded.clip import clipping
 from ffl.diagnose.recorded.events import events
+from ffl.diagnose.recorded.signs import looks_folded
 from ffl.diagnose.recorded.trials import prepare
-from ffl.diagnose.recorded.unfold import looks_folded
 from ffl.recordings import Recording
 from ffl.systems import load_plant
 from ffl.systems.plant import EffectSpec, Imperfections, Plant

@@ -12,9 +12,10 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.linear import corrections_of
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.recorded.clip import clipping
+from ffl.diagnose.recorded.signs import looks_folded
 from ffl.diagnose.recorded.states import State, goes_with
 from ffl.diagnose.recorded.trials import stretches
-from ffl.diagnose.recorded.unfold import looks_folded, unfolded
+from ffl.diagnose.recorded.unfold import learned_anew
 from ffl.effects import EFFECTS, is_speed, mechanics_of
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -91,7 +92,7 @@ def test_a_folded_output_gives_its_linear_part_back():
     wrong = Plant("wrong", Zpk([], [0.9, 0.97 + 0.1j, 0.97 - 0.1j], 0.01, step))
     assert looks_folded(wrong, [recording])
     assert not looks_folded(wrong, [replace(recording, y=y + 0.5)])
-    found = unfolded(wrong, [recording[:800]])
+    found = learned_anew(wrong, [recording[:800]])
     assert found is not None
     poles = np.sort_complex(found.system.poles)
     np.testing.assert_allclose(poles, np.sort_complex(true.poles), atol=0.02)
