@@ -21,6 +21,7 @@ from ffl.diagnose.contest.judging import (
     judge,
     levelled,
     likeliest,
+    raw_error,
     raw_residuals,
 )
 from ffl.diagnose.contest.rounds import Outcome
@@ -51,6 +52,7 @@ from ffl.effects import EFFECTS, Effect
 from ffl.systems.plant import EffectSpec, Plant
 
 LOSS = 1.5  # times the mean square left: beyond it a refit of the same number as an effect failed
+ALIKE = 1.01  # times the held-out squares that the same physics in other words may leave
 ALMOST = 0.999  # of the line: within it, whatever rounding does
 SURE = 3.0  # standard errors
 FAINT = 100.0  # log-likelihood that a number brings as an effect: with less a sibling may be it
@@ -268,7 +270,10 @@ def _spring_with_centre(scene: Scene, held: Scene | None, judged: Judged) -> Jud
     spec = EffectSpec("linear_stiffness", values, load.options)
     tried = judge(judged.scene, held, spring.with_effect(spec), 8)
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
-    return tried if tried.score > judged.score - TIE else judged
+    # The same machine, but what judges grants a correction its doubt and an effect none.
+    alike = raw_error(held, tried.model) < ALIKE * raw_error(held, judged.model)
+    same = alike and tried.fitted > judged.fitted - TIE
+    return tried if same or tried.score > judged.score - TIE else judged
 
 
 def _preloaded(held: Scene | None, judged: Judged) -> Judged:

@@ -1,8 +1,8 @@
-"""Forms of dry friction whose further numbers say nothing: plain friction by another name."""
+"""Forms of dry friction whose further numbers say nothing: plain friction by another name, or a spring."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +17,12 @@ from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT
 from ffl.diagnose.noise.spread import error_of
+from ffl.diagnose.recorded.trials import Trial
+from ffl.effects.hysteresis import KINDS
 from ffl.systems.plant import EffectSpec
 
 CONTACT = "presliding_friction"
+LOOP = "hysteresis"
 # Of the sensor's noise: a way that no recording shows, and where the stiffness is unsure as well.
 FREE, LED = (0.1, 0.4), (0.5, 2.0)  # in free runs and led by an observer
 UNSURE = 0.4  # of a stiffness: its standard error
@@ -55,15 +58,16 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     eased = spec.name not in LEVELS or not _one_level(judged, index)
     eased = eased or (spec.name == BY_DIRECTION and _held(judged.model, index))
     eased = eased or "backlash" in model.names  # around a play no two fits end at the same numbers
+    near = eased or (spec.name == FALLING and _falls_nowhere(judged, index))
     if not SAME[spec.name](judged, index):
         return judged, outcome
-    plain = _plain(model, index)
+    plain = _plain(model, index, judged.scene.trials)
     line = {SPRING} if spec.name == TABLE and NAMES[SPRING] not in model.names else set()
     again = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     effects = tuple(plain if k == index else e for k, e in enumerate(model.effects))
     plainer = replace(model, effects=effects, held=model.held - line)  # which the table held
     forms = [judge(judged.scene, held, plainer, rounds) for rounds in (8, 0)]
-    if eased:
+    if near:
         tried = min(forms, key=lambda form: raw_error(held, form.model))
     else:
         tried = max(levelled(forms), key=lambda form: form.score)
@@ -71,7 +75,7 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
         p for p in outcome.contenders.get(spec.name, ()) if p[0] not in (plain.name, spec.name)
     ]
     tried, again, *rest = levelled([tried, again, *(other for _, other in others)])
-    if eased:
+    if near:
         refused = raw_error(held, tried.model) > EASED * raw_error(held, judged.model)
     else:
         refused = not tried.score > again.score - TIE
@@ -83,10 +87,16 @@ def plainest(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Judg
     return tried, replace(outcome, contenders={**outcome.contenders, plain.name: pairs})
 
 
-def _plain(model: Model, index: int) -> EffectSpec:
+def _plain(model: Model, index: int, trials: Sequence[Trial]) -> EffectSpec:
     """Plain friction in the place of effect `index`: one level, or those of a table either way where no
-    other effect can hold what they differ by."""
+    other effect can hold what they differ by. A spring in that of a loop."""
     spec = model.effects[index]
+    if spec.name == LOOP:
+        rate = float(spec.parameters["force"]) / float(spec.parameters["displacement"])
+        # It begins where the machine stands, between a push either way.
+        centre = float(np.mean(np.concatenate([t.y[:1] for t in trials])))
+        options = {k: v for k, v in spec.options.items() if k in POINT}
+        return EffectSpec(NAMES[SPRING], {SPRING: rate, "centre": centre}, options)
     plain = plain_form(spec)
     assert plain is not None
     if spec.name != TABLE or HOLDING & set(model.names):
@@ -147,16 +157,33 @@ def _flat(judged: Judged, index: int) -> bool:
 
 
 def _told_nowhere(judged: Judged, index: int) -> bool:
-    """Whether the levels of a Stribeck curve are one, or the velocity over which it falls is less sure than
-    large."""
+    """Whether the levels of a Stribeck curve are one, or it falls nowhere."""
+    return _falls_nowhere(judged, index) or _one_level(judged, index)
+
+
+def _falls_nowhere(judged: Judged, index: int) -> bool:
+    """Whether the velocity over which a Stribeck curve falls is less sure than large. (Two more numbers
+    took up what rounds of a fit had left: 0.589 N, and 0.552 +- 95 over 94 +- 1,360 mm/s, for 0.646.)"""
     velocity = float(judged.model.effects[index].parameters["stribeck_velocity"])
-    unsure = (error_of(judged, index, "stribeck_velocity") or 0.0) > velocity
-    return unsure or _one_level(judged, index)
+    return (error_of(judged, index, "stribeck_velocity") or 0.0) > velocity
 
 
-SAME = {  # forms of dry friction, and when each is plain friction by another name
+def _never_slides(judged: Judged, index: int) -> bool:
+    """Whether a hysteresis is a spring: it would slide over more than the machine travelled, or slide or
+    harden over nobody knows what, and its force is as unsure. (A spring of 0.086 N/m was one that hardens
+    over 0.29 m, of 0.2 that were travelled, its force 0.024 +- 0.083 N.)"""
+    model, spec = judged.model, judged.model.effects[index]
+    way, force = float(spec.parameters["displacement"]), float(spec.parameters["force"])
+    unsure = (error_of(judged, index, "displacement") or 0.0) > way
+    unsure = unsure and (error_of(judged, index, "force") or 0.0) > force
+    beyond = spec.options.get("kind") != KINDS[1] and way > model.base.travel
+    return (beyond or unsure) and NAMES[SPRING] not in model.names
+
+
+SAME = {  # forms of dry friction, and when each is plain friction, or a spring, by another name
     FALLING: _told_nowhere,
     BY_DIRECTION: lambda judged, k: _held(judged.model, k) or _one_level(judged, k),
     CONTACT: unseen,
     TABLE: _flat,
+    LOOP: _never_slides,
 }

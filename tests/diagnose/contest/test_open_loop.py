@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose.contest import line
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.line import across_the_line
 from ffl.diagnose.contest.scene import Scene
@@ -255,3 +256,29 @@ def test_a_stage_on_a_spring_begins_where_its_forces_balance(spring, effect, sta
     np.testing.assert_allclose(stood, rest, rtol=1e-6)
     bare = model.simulate(trial).y  # without the force: elsewhere, and as still
     np.testing.assert_allclose(bare, HELD / (MASS * W**2), rtol=1e-9)
+
+
+def test_a_spring_with_its_centre_is_no_worse_for_a_doubt_that_it_is_not_granted(
+    spring, monkeypatch
+):
+    """Recordings that judge grant a correction what the fitted ones leave open of it, and an effect
+    nothing: the same machine in other words seemed 45 behind, and a load stayed beside its spring."""
+    values = {"stiffness": 0.12 * MASS * W**2, "centre": 2e-5}
+    machine = Model(Base.of(spring), effects=(EffectSpec("linear_stiffness", values),))
+    first, other = (slow_strokes(machine, seed=k) for k in (1, 2))
+    scene = Scene(spring.loop, (first,), Noise(1e-8, 1e-6))
+    held = replace(scene, trials=(other,))
+    load = EffectSpec("constant_load", {"force": values["stiffness"] * values["centre"]})
+    base = Base.of(spring, float(np.ptp(first.y)))
+    judged = judge(scene, held, Model(base, {"stiffness": 0.12}, (load,)), rounds=6)
+    real = line.judge
+
+    def less(*args, **options):  # type: ignore[no-untyped-def]
+        found = real(*args, **options)
+        lost = 50.0 if "linear_stiffness" in found.model.names else 0.0
+        return replace(found, held_out=found.held_out - lost)
+
+    monkeypatch.setattr(line, "judge", less)
+    found = across_the_line(scene, held, judged).model
+    assert found.names == ("linear_stiffness",)
+    assert found.effects[0].parameters["centre"] == pytest.approx(2e-5, rel=0.05)

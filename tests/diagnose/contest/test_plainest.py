@@ -127,3 +127,47 @@ def test_levels_that_a_force_beside_them_holds_are_one(stage, record, apart, bes
     name = "asymmetric_friction"
     found, _ = plainest(None, judged, Outcome(judged, [], None, {name: [(name, judged)]}))
     assert said in found.model.names
+
+
+@pytest.mark.parametrize(
+    ("displacement", "said"), [(1.0, "linear_stiffness"), (2e-3, "hysteresis")]
+)
+def test_a_hysteresis_that_never_slides_is_a_spring(stage, record, displacement, said):  # type: ignore[no-untyped-def]
+    """What slides within the travel keeps its name."""
+    values = {"force": 400.0 * displacement, "displacement": displacement}
+    loop = EffectSpec("hysteresis", {**values, "exponent": 1.0, "beta": 0.5})
+    spring = EffectSpec("linear_stiffness", {"stiffness": 400.0, "centre": 0.0})
+    machine = loop if said == "hysteresis" else spring
+    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
+    judged = judge(scene, None, model.with_effect(loop), rounds=0)
+    held = replace(scene, trials=scene.trials[:1])
+    found, after = plainest(held, judged, Outcome(judged, [], held, {"hysteresis": []}))
+    assert found.model.names == (said,)
+    if said == "linear_stiffness":
+        assert found.model.effects[0].parameters["stiffness"] == pytest.approx(400.0, rel=0.05)
+        assert [name for name, _ in after.contenders[said]] == [said]
+
+
+def test_a_hardening_loop_of_no_known_size_is_a_spring(stage, record):  # type: ignore[no-untyped-def]
+    """Only the slope of it shows: over 5 m it hardens by nothing."""
+    spring = EffectSpec("linear_stiffness", {"stiffness": 400.0, "centre": 0.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(spring,))))
+    values = {"force": 2000.0, "displacement": 5.0, "exponent": 2.0, "beta": 1.0}
+    loop = EffectSpec("hysteresis", values, {"kind": "hardening"})
+    judged = judge(scene, None, model.with_effect(loop), rounds=0)
+    held = replace(scene, trials=scene.trials[:1])
+    found, _ = plainest(held, judged, Outcome(judged, [], held, {"hysteresis": []}))
+    assert found.model.names == ("linear_stiffness",)
+
+
+def test_a_fall_over_no_known_velocity_is_plain_friction(stage, record):  # type: ignore[no-untyped-def]
+    """A curve that falls far above all speeds takes up what rounds of a fit have left."""
+    machine = EffectSpec("coulomb_friction", {"level": 3.0})
+    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
+    values = {"coulomb_level": 1.0, "static_level": 3.0, "stribeck_velocity": 40.0}
+    falling = EffectSpec("stribeck_friction", values)
+    judged = judge(scene, None, model.with_effect(falling), rounds=0)
+    held = replace(scene, trials=scene.trials[:1])
+    found, _ = plainest(held, judged, Outcome(judged, [], held, {falling.name: []}))
+    assert found.model.names == ("coulomb_friction",)
+    assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.02)
