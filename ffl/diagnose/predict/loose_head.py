@@ -76,7 +76,9 @@ def with_loose_head(
     if begun is None or spared(begun, scene, standing.model):
         return outcome
     short = tuple(shortened(scene, LOOK))
-    company = joined(Company(regapped(begun, short), short), scene, able, regapped)
+    judging = tuple(shortened(held, LOOK))
+    company = Company(regapped(begun, short), short, judging=judging)
+    company = joined(company, scene, able, regapped)
     company = formed(exchanged(proven(company, regapped), regapped), regapped)
     scene = clocked(scene, company)
     trials = scene.trials
@@ -95,7 +97,7 @@ def with_loose_head(
     if min(gains) < CLEAR:
         return outcome
     judged = replace(judged, fit=doubted(judged.fit, found, trials, JUMPS))
-    if vague(judged.model, judged.spread):
+    if vague(judged.model, judged.spread, judged.fit.covariance):
         return outcome
     name = (*before.model.names, "nothing")[0]
     contenders = {

@@ -195,4 +195,18 @@ def test_a_play_no_wider_than_its_error_is_no_play(seen, error, says):
     spread = np.zeros(len(model.theta))
     at = [c.name for c in model.coordinates].index("gap")
     spread[at] = error * (1.0 if model.coordinates[at].log else GAP)
-    assert vague(model, spread) is says
+    assert vague(model, spread, np.diag(spread**2)) is says
+
+
+@pytest.mark.parametrize(("together", "says"), [(0.95, False), (0.5, True)])
+def test_how_the_masses_are_shared_is_no_doubt_of_a_play(seen, together, says):
+    """A gap that goes with the share is told as well as it is where the share is known."""
+    options = {"kind": "coupling", "mass_ratio": 0.7, "damping": 0.04}
+    model = seen()[2].with_effect(replace(PLAY, options=options))
+    (share,) = [k for k, c in enumerate(model.coordinates) if c.name == "mass_ratio"]
+    at = [c.name for c in model.coordinates].index("gap")
+    spread = np.full(len(model.theta), 0.1)
+    spread[at] = 0.6 * GAP
+    covariance = np.diag(spread**2)
+    covariance[at, share] = covariance[share, at] = together * spread[at] * spread[share]
+    assert vague(model, spread, covariance) is says

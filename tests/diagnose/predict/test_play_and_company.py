@@ -1,6 +1,8 @@
 """A play between two masses beside dry friction, a damper on one side or a gain by position."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from ffl.diagnose.noise.noise import partly_coloured
 from ffl.diagnose.predict.balance import humming, rubbing
 from ffl.diagnose.predict.dry_forms import formed
 from ffl.diagnose.predict.foretold import refitted
-from ffl.diagnose.predict.joining import Company
+from ffl.diagnose.predict.joining import Company, proven
 from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import LOOSENESS, Hypothesis, able, settled
 from ffl.diagnose.predict.rattling import accompanied, dampers, started
@@ -201,3 +203,35 @@ def test_a_force_along_the_motion_pushes_where_it_acts(plant):  # noqa: F811
         for beside in ((on_load,), (on_motor,), ())
     ]
     assert worth[0] > max(worth[1:]) + 200.0
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What foretells recordings by so much."""
+
+    model: Any
+    worth: Any
+
+
+@pytest.mark.parametrize(
+    ("fitted", "judging", "stays"),
+    [(300.0, None, True), (116.0, 136.0, True), (116.0, 20.0, False), (40.0, 500.0, False),
+     (116.0, None, False)],
+)  # fmt: skip
+def test_a_little_is_enough_where_recordings_that_judge_say_the_same(fitted, judging, stays):
+    """Roughness has no reason to bring both."""
+
+    def told(names, own, other):  # type: ignore[no-untyped-def]
+        effects = tuple(EffectSpec(name, {}) for name in names)
+        model = SimpleNamespace(names=names, effects=effects, coordinates=())
+        model.without = lambda k: told(names[:k] + names[k + 1 :], 0.0, 0.0).model
+        worth = {"fitted": own, "judging": other}
+        return Seen(model, lambda trials: worth[trials[0]])
+
+    bare, both = (
+        told(("backlash",), 0.0, 0.0),
+        told(("encoder_ripple", "backlash"), fitted, judging or 0.0),
+    )
+    company = Company(both, ("fitted",), judging=("judging",) if judging else ())
+    found = proven(company, lambda point, trials: bare if len(point.model.names) < 2 else point)
+    assert (found.found.model.names == both.model.names) is stays
