@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from ffl.diagnose.contest.judging import Judged, is_another, judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import LINE
 from ffl.diagnose.hypothesis.model import LOAD, TABLE, Model, balanced
+from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
 GAIN = "position_dependent_gain"
@@ -62,23 +64,33 @@ def _balanced(model: Model) -> Model:
 
 
 def recentred(held: Scene | None, judged: Judged) -> Judged:
+    """`judged` with its gain by position told from another place, where no mass is left beyond the line."""
+    other = of_no_mass(judged.model, judged.scene.trials)
+    if other is None:
+        return judged
+    tried = judge(judged.scene, held, other, 8)
+    judged = judge(judged.scene, held, judged.model, 4, judged.fit)  # by the same noise
+    return tried if tried.score > judged.score - TIE else judged
+
+
+def of_no_mass(model: Model, trials: Sequence[Trial]) -> Model | None:
     """A gain by position is told from where it is taken for 1, and what it is there goes into mass, damping
     and all forces alike: a mass beyond the line that it reaches somewhere in the travel is none of the
-    machine's. (2.8 % more mass beside a gain about 67 mm: none about 91.)"""
-    model = judged.model
+    machine's. (2.8 % more mass beside a gain about 67 mm: none about 91.) The `model` about that place;
+    None where there is none."""
     mass = model.corrections.get("mass", 0.0)
     if GAIN not in model.names or not LINE < abs(mass) < SLIGHT:
-        return judged
+        return None
     index = model.names.index(GAIN)
     values = dict(model.effects[index].parameters)
     slope, bend = float(values["linear_coefficient"]), float(values["quadratic_coefficient"])
-    y = np.concatenate([trial.y for trial in judged.scene.trials])
+    y = np.concatenate([trial.y for trial in trials])
     roots = np.roots([bend, slope, -mass])
     away = [
         float(z.real) for z in roots if not z.imag and y.min() < values["centre"] + z.real < y.max()
     ]
     if not away:
-        return judged
+        return None
     step = min(away, key=abs)
     moved = {
         "centre": float(values["centre"]) + step,
@@ -86,10 +98,7 @@ def recentred(held: Scene | None, judged: Judged) -> Judged:
         "quadratic_coefficient": bend / (1.0 + mass),
     }
     corrections = {k: v for k, v in model.corrections.items() if k != "mass"}
-    other = replace(model, corrections=corrections).with_parameters(index, {**values, **moved})
-    tried = judge(judged.scene, held, other, 8)
-    judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
-    return tried if tried.score > judged.score - TIE else judged
+    return replace(model, corrections=corrections).with_parameters(index, {**values, **moved})
 
 
 def of_its_mass(held: Scene | None, judged: Judged) -> Judged:

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.evenly import of_no_mass
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -123,6 +124,8 @@ def start(scene: Scene, told: Model, stood: Model, sines: Sequence[EffectSpec] =
     trials, travel = shortened(scene, GLANCE), told.base.travel
     bare = [told, replace(told, corrections=stood.corrections)]
     bare += [told.with_effect(sine) for sine in sines]
+    named = tuple(spec for spec in stood.effects if separable(spec))
+    bare += [replace(told, corrections=stood.corrections, effects=named)] if named else []
     if Slip(told, scene.noise).predict(trials) is None:
         return None
     for loose in LEVELS:
@@ -193,6 +196,11 @@ def rescanned(found: Slip, trials: Sequence[Trial]) -> Slip:
 def claimed(found: Slip, scene: Scene) -> Slip:
     """`found` with a mass or damping beyond the contract's line as the effect it is, where without it the
     recordings are foretold clearly worse."""
+    massless = of_no_mass(found.model, scene.trials)
+    if massless is not None:
+        there = polished(replace(found, model=massless), scene.trials)
+        if there.worth(scene.trials) > found.worth(scene.trials) - LEAST:
+            found = there
     other = crossed(found, scene)
     beyond = {
         k for k, name in NAMES.items() if name in set(other.model.names) - set(found.model.names)

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.evenly import of_no_mass
 from ffl.diagnose.contest.judging import SHARE, Judged
 from ffl.diagnose.contest.line import SURE
 from ffl.diagnose.contest.plainest import in_the_mean
@@ -307,6 +308,12 @@ def crossed(found: Told, scene: Scene) -> Told:
         if fit is None or NAMES[name] in model.names or not claims(name, size):
             continue
         value = model.corrections[name]
+        moved = of_no_mass(model, scene.trials) if name == "mass" else None
+        if moved is not None:
+            other = refitted(replace(found, model=moved), scene.trials)
+            if other.worth(scene.trials) > found.worth(scene.trials) - ROUGH:
+                found = other
+                continue
         if abs(value) < SURE * fit.spread_of(name):
             continue
         held, on_line = model.held | {name}, {**model.corrections, name: value * LINE / abs(size)}

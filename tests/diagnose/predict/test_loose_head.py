@@ -15,7 +15,7 @@ from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.clipped import _behind_play, _side
 from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
-from ffl.diagnose.predict.loose_head import able, regapped, spared, start, with_loose_head
+from ffl.diagnose.predict.loose_head import able, claimed, regapped, spared, start, with_loose_head
 from ffl.diagnose.predict.moving import vague
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
@@ -210,3 +210,27 @@ def test_how_the_masses_are_shared_is_no_doubt_of_a_play(seen, together, says):
     covariance = np.diag(spread**2)
     covariance[at, share] = covariance[share, at] = together * spread[at] * spread[share]
     assert vague(model, spread, covariance) is says
+
+
+def test_a_play_is_looked_for_beside_what_was_named_of_the_drive(seen):  # type: ignore[no-untyped-def]
+    """Beside a dead zone that no filter has all gaps of the grid are one as good as the other."""
+    zone = EffectSpec("dead_zone", {"half_width": 0.06})
+    scene, _, told = seen(zone, PLAY)
+    found = start(scene, told, told.with_effect(zone))
+    assert found is not None
+    assert found.model.names == ("dead_zone", "backlash")
+    assert found.model.effects[1].parameters["gap"] == pytest.approx(GAP, rel=0.1)
+
+
+def test_a_gain_by_position_beside_a_play_is_told_from_where_no_mass_is_missing(seen):  # type: ignore[no-untyped-def]
+    values = {"linear_coefficient": 3.0, "quadratic_coefficient": 0.0, "centre": 0.02}
+    name = "position_dependent_gain"
+    scene, _, told = seen(EffectSpec(name, values), PLAY)
+    there = 1.0 + 3.0 * 0.01  # the gain 10 mm away, where it is taken for 1
+    moved = {"linear_coefficient": 3.0 / there, "quadratic_coefficient": 0.0, "centre": 0.03}
+    model = replace(told, effects=(EffectSpec(name, moved), PLAY))
+    model = replace(model, corrections={"mass": 1.0 / there - 1.0})
+    found = claimed(Slip(model, NOISE), scene)
+    assert found.model.names == (name, "backlash")
+    assert abs(found.model.corrections["mass"]) < 0.01
+    assert found.model.effects[0].parameters["centre"] == pytest.approx(0.02, abs=0.005)
