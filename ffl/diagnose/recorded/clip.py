@@ -25,7 +25,10 @@ WIDE = 8.0  # standard deviations of the stated sensor noise that count as one v
 VISITS = 2  # at least, at one value within the sensor's noise; to the last digit one of the three is enough
 LASTS = 0.02  # of all samples: together at its limit
 SUDDEN = 0.3  # of the RMS speed at arrival, in the median
-ONCE = 20  # samples of a single stay that is left as suddenly: from a stop a machine leaves at rest
+# Samples of a single stay that would have gone on, before it and after it: a machine comes to rest at a
+# stop, or where friction holds it, and leaves it from rest. (Friction on a spring: 21 samples, reached at
+# half of the RMS speed, which the step after would have ended.)
+ONCE = 20
 
 
 def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None:
@@ -36,15 +39,15 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
     top = max(float(np.abs(r.y).max()) for r in recordings)
     width = WIDE * plant.machine.sensor_noise + plant.machine.encoder_resolution
     for wide in (0.0, width):
-        stood, speeds, left = [], [], []
+        stood, speeds, on = [], [], []
         for r in recordings:
             if np.all(np.isfinite(r.u)):
-                for values, speed, leaving in _visits(r, _without_limit(plant, r), top - wide):
+                for values, speed, carried in _visits(r, _without_limit(plant, r), top - wide):
                     stood.append(values)
                     speeds.append(speed)
-                    left.append(leaving)
+                    on.append(carried)
         again, sudden = len(stood) >= VISITS, bool(stood) and np.median(speeds) >= SUDDEN
-        once = len(stood) == 1 and len(stood[0]) >= ONCE and sudden and left[0] >= SUDDEN
+        once = len(stood) == 1 and len(stood[0]) >= ONCE and sudden and on[0] >= SUDDEN
         lasts = sum(map(len, stood)) >= LASTS * sum(map(len, recordings))
         clips = ((again and sudden) or once) if wide else (again or sudden or lasts)
         if not clips:
@@ -74,7 +77,8 @@ def _without_limit(plant: Plant, r: Recording) -> Array:
 
 def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float, float]]:
     """Magnitudes of y of every stay at `least` or more of RUN samples in which without a limit it would
-    have `moved`, and the speeds of arrival and of leaving over the RMS one."""
+    have `moved`, the speed of arrival over the RMS one, and the least that it would have gone on with, at
+    arrival and, backwards in time, at leaving."""
     size = np.abs(r.y)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (size >= least).astype(int), [0]])))
     usual = float(np.sqrt(np.mean(np.diff(r.y) ** 2))) or 1.0
@@ -82,6 +86,11 @@ def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         if b - a >= RUN and np.ptp(moved[a:b]) > MOVES * np.ptp(moved):
             arrival = abs(float(r.y[a - 1] - r.y[a - 2])) / usual if a > 1 else 0.0
-            leaving = abs(float(r.y[b + 1] - r.y[b])) / usual if b + 1 < len(r.y) else 0.0
-            out.append((size[a:b], arrival, leaving))
+            carried = min(_carried(size[:a]), _carried(size[b:][::-1])) / usual
+            out.append((size[a:b], arrival, carried))
     return out
+
+
+def _carried(size: Array) -> float:
+    """The step that the last three samples of `size` lead to, slowing as they do; 0 of fewer."""
+    return float(size[-3] - 3.0 * size[-2] + 2.0 * size[-1]) if len(size) > 2 else 0.0

@@ -66,6 +66,12 @@ def test_one_stay_that_is_left_at_speed_is_a_limit_of_the_sensor(table):  # type
     end, ahead = beyond[-1] + 1, np.arange(40)
     y[end : end + 40] = y[end - 1] + (y[end + 40] - y[end - 1]) * (ahead / 40.0) ** 2
     assert clipping(table, [replace(clear, y=y + noise)]) is None
+    # One that friction brings to rest there comes at speed as well, and slower with every sample.
+    y, first = clipped.y.copy(), beyond[0]
+    side, usual = np.sign(y[first]), np.sqrt(np.mean(np.diff(clipped.y) ** 2))
+    y[first - 20 : first] -= side * (np.abs(y[first - 20 : first]) - level)
+    y[first - 20 : first] -= side * 0.25 * usual * np.arange(20, 0, -1) ** 2
+    assert clipping(table, [replace(clear, y=y + noise)]) is None
 
 
 def test_what_a_clipping_sensor_lost_needs_no_explanation(table):  # type: ignore[no-untyped-def]
