@@ -183,3 +183,18 @@ def test_what_can_hardly_show_where_it_is_judged_is_hinted_there(gain, other, pr
     search = Search(None, 0.1, 736.0, gain, other, promise, 422.0)  # type: ignore[arg-type]
     assert search.hints is hinted
     assert not search.found
+
+
+@pytest.mark.parametrize(("rate", "said"), [(0.05, True), (0.1, True), (0.15, False)])
+def test_where_no_other_recording_confirms_it_few_samples_are_lost(
+    monkeypatch, losing, scenes, rate, said
+):
+    """Coloured noise is drawn by many samples a little."""
+    scene, held, model = scenes(losing)
+
+    def searched(ground, model, rates):  # type: ignore[no-untyped-def]
+        brought = 300.0 if len(rates) > 1 else 12.0
+        return Search(ground, rate, 40.0, brought, -20.0, brought, 900.0)
+
+    monkeypatch.setattr("ffl.diagnose.maps.dropouts._searched", searched)
+    assert (dropouts(scene, held, model) is not None) is said
