@@ -24,6 +24,15 @@ def scene_of(plant, recordings):  # type: ignore[no-untyped-def]
     return Scene(plant.loop, trials, Noise(1e-7, 2e-3)), Model(base)
 
 
+def told(plant, record, machine, stood):  # type: ignore[no-untyped-def]
+    """(found, outcome) of what `machine` did, told as `stood` has it."""
+    scene, model = scene_of(plant, record(replace(plant, effects=(machine,))))
+    judged = judge(scene, None, model.with_effect(stood), rounds=0)
+    held = replace(scene, trials=scene.trials[:1])
+    contenders = {stood.name: [(stood.name, judged)]}
+    return plainest(held, judged, Outcome(judged, [], held, contenders))
+
+
 @pytest.mark.parametrize(
     ("machine", "said"),
     [
@@ -60,11 +69,7 @@ def test_a_table_of_one_level_is_plain_friction(stage, record, apart, said):  # 
         values = {"grid": [-0.1, 0.0, 0.1], "positive": levels, "negative": levels}
         return EffectSpec("position_dependent_friction", {"table": values, "level": 3.0})
 
-    scene, model = scene_of(stage, record(replace(stage, effects=(table(apart),))))
-    judged = judge(scene, None, model.with_effect(table(apart)), rounds=0)
-    name = "position_dependent_friction"
-    held = replace(scene, trials=scene.trials[:1])
-    found, after = plainest(held, judged, Outcome(judged, [], held, {name: [(name, judged)]}))
+    found, after = told(stage, record, table(apart), table(apart))
     assert found.model.names == (said,)
     if said == "coulomb_friction":
         assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.01)
@@ -80,10 +85,7 @@ def test_a_table_of_one_level_either_way_is_friction_by_direction(stage, record)
     }
     name = "position_dependent_friction"
     table = EffectSpec(name, {"table": values, "level": 3.0})
-    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
-    judged = judge(scene, None, model.with_effect(table), rounds=0)
-    held = replace(scene, trials=scene.trials[:1])
-    found, after = plainest(held, judged, Outcome(judged, [], held, {name: [(name, judged)]}))
+    found, after = told(stage, record, machine, table)
     assert found.model.names == ("asymmetric_friction",)
     levels = found.model.effects[0].parameters
     assert levels["level_positive"] == pytest.approx(3.5, rel=0.01)
@@ -138,10 +140,7 @@ def test_a_hysteresis_that_never_slides_is_a_spring(stage, record, displacement,
     loop = EffectSpec("hysteresis", {**values, "exponent": 1.0, "beta": 0.5})
     spring = EffectSpec("linear_stiffness", {"stiffness": 400.0, "centre": 0.0})
     machine = loop if said == "hysteresis" else spring
-    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
-    judged = judge(scene, None, model.with_effect(loop), rounds=0)
-    held = replace(scene, trials=scene.trials[:1])
-    found, after = plainest(held, judged, Outcome(judged, [], held, {"hysteresis": []}))
+    found, after = told(stage, record, machine, loop)
     assert found.model.names == (said,)
     if said == "linear_stiffness":
         assert found.model.effects[0].parameters["stiffness"] == pytest.approx(400.0, rel=0.05)
@@ -151,23 +150,17 @@ def test_a_hysteresis_that_never_slides_is_a_spring(stage, record, displacement,
 def test_a_hardening_loop_of_no_known_size_is_a_spring(stage, record):  # type: ignore[no-untyped-def]
     """Only the slope of it shows: over 5 m it hardens by nothing."""
     spring = EffectSpec("linear_stiffness", {"stiffness": 400.0, "centre": 0.0})
-    scene, model = scene_of(stage, record(replace(stage, effects=(spring,))))
     values = {"force": 2000.0, "displacement": 5.0, "exponent": 2.0, "beta": 1.0}
     loop = EffectSpec("hysteresis", values, {"kind": "hardening"})
-    judged = judge(scene, None, model.with_effect(loop), rounds=0)
-    held = replace(scene, trials=scene.trials[:1])
-    found, _ = plainest(held, judged, Outcome(judged, [], held, {"hysteresis": []}))
+    found, _ = told(stage, record, spring, loop)
     assert found.model.names == ("linear_stiffness",)
 
 
 def test_a_fall_over_no_known_velocity_is_plain_friction(stage, record):  # type: ignore[no-untyped-def]
     """A curve that falls far above all speeds takes up what rounds of a fit have left."""
     machine = EffectSpec("coulomb_friction", {"level": 3.0})
-    scene, model = scene_of(stage, record(replace(stage, effects=(machine,))))
     values = {"coulomb_level": 1.0, "static_level": 3.0, "stribeck_velocity": 40.0}
     falling = EffectSpec("stribeck_friction", values)
-    judged = judge(scene, None, model.with_effect(falling), rounds=0)
-    held = replace(scene, trials=scene.trials[:1])
-    found, _ = plainest(held, judged, Outcome(judged, [], held, {falling.name: []}))
+    found, _ = told(stage, record, machine, falling)
     assert found.model.names == ("coulomb_friction",)
     assert found.model.effects[0].parameters["level"] == pytest.approx(3.0, rel=0.02)
