@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.evenly import of_no_mass
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
@@ -37,7 +36,7 @@ from ffl.diagnose.predict.joining import (
 )
 from ffl.diagnose.predict.moving import doubted, gap_at, moved, vague
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
-from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, unexplained
+from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, massless, unexplained
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
@@ -196,11 +195,7 @@ def rescanned(found: Slip, trials: Sequence[Trial]) -> Slip:
 def claimed(found: Slip, scene: Scene) -> Slip:
     """`found` with a mass or damping beyond the contract's line as the effect it is, where without it the
     recordings are foretold clearly worse."""
-    massless = of_no_mass(found.model, scene.trials)
-    if massless is not None:
-        there = polished(replace(found, model=massless), scene.trials)
-        if there.worth(scene.trials) > found.worth(scene.trials) - LEAST:
-            found = there
+    found = massless(found, scene, polished, LEAST)
     other = crossed(found, scene)
     beyond = {
         k for k, name in NAMES.items() if name in set(other.model.names) - set(found.model.names)

@@ -120,6 +120,7 @@ def with_rattling(
     if behind_by < (LEAST if fewer else 0.0):  # a plainer form need not foretell more
         found = settled(company.found, scene, LOOSENESS[1:])
     found = regridded(found, scene)
+    found = massless(found, scene, refitted, ROUGH)
     company, found = plainly(company, crossed(found, scene), scene.trials)
 
     def told_of(other: Hypothesis) -> Judged | None:
@@ -296,6 +297,18 @@ def _with_load(found: Hypothesis, force: float, place: Place, zone: float) -> Hy
     return replace(found, model=replace(found.model, effects=tuple(effects)))
 
 
+def massless(
+    found: Told, scene: Scene, again: Callable[[Told, Sequence[Trial]], Told], rough: float
+) -> Told:
+    """`found` with its gain by position told from where no mass is left beyond the line, all numbers found
+    `again`, if that foretells as well but for what is `rough`."""
+    moved = of_no_mass(found.model, scene.trials)
+    if moved is None:
+        return found
+    there = again(replace(found, model=moved), scene.trials)
+    return there if there.worth(scene.trials) > found.worth(scene.trials) - rough else found
+
+
 def crossed(found: Told, scene: Scene) -> Told:
     """With a mass or damping beyond the contract's line as the effect it is, where it foretells best, and
     clearly better than on the line; free runs of a loop that rattles would not find the way. One that an
@@ -308,12 +321,6 @@ def crossed(found: Told, scene: Scene) -> Told:
         if fit is None or NAMES[name] in model.names or not claims(name, size):
             continue
         value = model.corrections[name]
-        moved = of_no_mass(model, scene.trials) if name == "mass" else None
-        if moved is not None:
-            other = refitted(replace(found, model=moved), scene.trials)
-            if other.worth(scene.trials) > found.worth(scene.trials) - ROUGH:
-                found = other
-                continue
         if abs(value) < SURE * fit.spread_of(name):
             continue
         held, on_line = model.held | {name}, {**model.corrections, name: value * LINE / abs(size)}
