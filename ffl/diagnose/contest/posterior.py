@@ -14,14 +14,16 @@ from ffl.diagnose.contest.judging import Judged
 TEMPER = 4.0  # scores are log-likelihoods of models that are all a little wrong
 ELSE = 0.03  # probability that it is none of the rivals tried
 ELSE_IF_MORE_IS_LEFT = 0.14  # the same where structure is left that no name explains
+FAR = 8.0  # times what noise can make: of eight names that left ten times and more two were right
+ELSE_IF_MOST_IS_LEFT = 0.6  # the same there
 
 
 def probabilities(
-    name: str, contenders: Mapping[str, Sequence[tuple[str, Judged]]], complete: bool = True
+    name: str, contenders: Mapping[str, Sequence[tuple[str, Judged]]], elsewhere: float = ELSE
 ) -> dict[str, float]:
     """Probability of each name in the place of `name`, of the best hypothesis by that name:
     proportional to exp(score/TEMPER), `name` itself at least as probable as any other. They sum to
-    1 - ELSE; where structure is left (not `complete`), to 1 - ELSE_IF_MORE_IS_LEFT."""
+    1 - `elsewhere`, the probability that it is none of them (`none_of_them`)."""
     scores: dict[str, float] = {}
     for rival, judged in contenders.get(name, ()):
         if np.isfinite(judged.score):
@@ -29,5 +31,13 @@ def probabilities(
     top = max(scores.values(), default=0.0)
     scores[name] = top
     weights = {n: float(np.exp(max((s - top) / TEMPER, -700.0))) for n, s in scores.items()}
-    total = sum(weights.values()) / (1.0 - (ELSE if complete else ELSE_IF_MORE_IS_LEFT))
+    total = sum(weights.values()) / (1.0 - elsewhere)
     return {n: w / total for n, w in weights.items()}
+
+
+def none_of_them(complete: bool, loud: float) -> float:
+    """Probability that a name and all its rivals are wrong; `complete`: nothing is left but noise, `loud`:
+    the noise that is left over what the plant file's can be at most."""
+    if complete:
+        return ELSE
+    return ELSE_IF_MOST_IS_LEFT if loud > FAR else ELSE_IF_MORE_IS_LEFT

@@ -19,8 +19,9 @@ from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import places_of
 from ffl.diagnose.noise.noise import Noise, partly_coloured
-from ffl.diagnose.predict.balance import humming
+from ffl.diagnose.predict.balance import humming, rubbing
 from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.dry_forms import formed, plainly
 from ffl.diagnose.predict.foretold import refitted
@@ -80,6 +81,7 @@ def with_loose_head(
     company = Company(regapped(begun, short), short, judging=judging)
     company = joined(company, scene, able, regapped)
     company = formed(exchanged(proven(company, regapped), regapped), regapped)
+    company = proven(company, regapped)  # who stood in for another form of friction
     scene = clocked(scene, company)
     trials = scene.trials
     company, found = plainly(company, claimed(polished(company.found, trials), scene), trials)
@@ -123,10 +125,18 @@ def start(scene: Scene, told: Model, stood: Model, sines: Sequence[EffectSpec] =
     trials, travel = shortened(scene, GLANCE), told.base.travel
     bare = [told, replace(told, corrections=stood.corrections)]
     bare += [told.with_effect(sine) for sine in sines]
+    rubs = [force for force in rubbing(scene.trials, told) if force.name in FORMS]
+    bare += [
+        told.with_effect(replace(force, options=place.options))
+        for force in rubs
+        for place in places_of(told)
+        if place.side != "sensor"
+    ]
     named = tuple(spec for spec in stood.effects if separable(spec))
     bare += [replace(told, corrections=stood.corrections, effects=named)] if named else []
     if Slip(told, scene.noise).predict(trials) is None:
         return None
+    begun: list[tuple[float, Slip]] = []
     for loose in LEVELS:
         noise = loosened(scene.noise, loose)
         none = [Slip(model, noise) for model in bare]
@@ -137,9 +147,9 @@ def start(scene: Scene, told: Model, stood: Model, sines: Sequence[EffectSpec] =
         least = max(refitted(h, trials).worth(trials) for h in none)
         fitted = [refitted(rescanned(h, trials), trials) for h in grid[:STARTS]]
         best = max(fitted, key=lambda h: h.worth(trials))
-        if best.worth(trials) > least + PROMISES:
-            return replace(best, noise=scene.noise)
-    return None
+        if (worth := best.worth(trials)) > least + PROMISES:
+            begun.append((worth, replace(best, noise=scene.noise)))
+    return max(begun, key=lambda way: way[0])[1] if begun else None
 
 
 def spared(begun: Slip, scene: Scene, stood: Model) -> bool:

@@ -12,7 +12,7 @@ import scipy.stats
 from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import Judged
-from ffl.diagnose.contest.posterior import probabilities
+from ffl.diagnose.contest.posterior import none_of_them, probabilities
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import of_its_own
@@ -112,15 +112,16 @@ def conclude(
         said, place = "nothing_missing", where.Place("", "", ())
     if sizeless:
         said = said if told else "unnamed"
-    if told and said == "partly_explained" and (loud := loudness(model, standing)) > LOUDER:
+    left_over = loudness(model, standing)
+    if told and said == "partly_explained" and left_over > LOUDER:
         notes.append(
-            f"what is left is {loud:.2g} times as loud as the plant file's noise can make it"
+            f"what is left is {left_over:.2g} times as loud as the plant file's noise can make it"
         )
     if said == "partly_explained":
         beyond = unvisited(standing.model.names, quiet.trials, held.trials, model.output_unit)
         notes += [beyond] if beyond else []
     another = trusted and proof.nrmse_after > UNLIKE and (proof.nrmse_with_map or np.inf) > UNLIKE
-    another = another and not 0.0 < loudness(model, standing) <= LOUD  # noise may be most there is
+    another = another and not 0.0 < left_over <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
     worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
     worse = worse or _parted(standing, proof)
@@ -202,7 +203,8 @@ def conclude(
             "what they lower the error to is augmented.toml's"
         )
     findings = tuple(
-        _finding(standing, index, outcome, model, said == "explained") for index in told
+        _finding(standing, index, outcome, model, none_of_them(said == "explained", left_over))
+        for index in told
     )
     return Diagnosis(
         plant=model,
@@ -265,7 +267,7 @@ def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
 
 
 def _finding(
-    standing: Judged, index: int, outcome: Outcome, plant: Plant, complete: bool
+    standing: Judged, index: int, outcome: Outcome, plant: Plant, elsewhere: float
 ) -> Finding:
     spec = standing.model.effects[index]
     effect = EFFECTS[spec.name]
@@ -277,7 +279,7 @@ def _finding(
     says, share = effect.says(effect.check(spec), plant), of_its_own(standing.model, spec)
     if share is not None:
         says += f" That is {100.0 * share:+.3g} % of the model's own."
-    shares = probabilities(spec.name, outcome.contenders, complete)
+    shares = probabilities(spec.name, outcome.contenders, elsewhere)
     own = shares.pop(spec.name)
     others = sorted(shares.items(), key=lambda item: -item[1])
     return Finding(
