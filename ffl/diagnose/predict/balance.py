@@ -38,8 +38,8 @@ NOTICED = 0.15  # of what is left: what a sine must take (of rattle alone: 0.03)
 
 
 def rubbing(trials: Sequence[Trial], model: Model) -> list[EffectSpec]:
-    """Levels by direction that balance the forces, and a damper that does, without a place; those of them
-    that are more than next to nothing."""
+    """Levels by direction that balance the forces, a load where one of them pulls along, and a damper that
+    does, without a place; those of them that are more than next to nothing."""
     simulator = model.base.simulator
     parts = _slow(trials, model)
     if not parts:
@@ -49,12 +49,16 @@ def rubbing(trials: Sequence[Trial], model: Model) -> list[EffectSpec]:
     speed = np.abs(table[:, 3])
     usual = float(np.sqrt(np.mean(speed**2)))
     per, least = simulator.force_per_input, LEAST * float(np.std(force))
-    up, down = (max(level, 0.0) for level in _balanced(table[:, :3], force)[1:])
+    up, down = _balanced(table[:, :3], force)[1:]
+    load = 0.5 * (down - up) if up * down < 0.0 else 0.0
+    up, down = max(up, 0.0), max(down, 0.0)
     (slope,) = _balanced(table[:, [0, 3]], force)[1:]
     out = []
     if max(up, down) > least:
         levels = {"level_positive": up * per, "level_negative": down * per}
         out.append(EffectSpec("asymmetric_friction", levels))
+    if abs(load) > least:
+        out.append(EffectSpec("constant_load", {"force": load * per}))
     if slope * usual > least:
         out.append(EffectSpec("viscous_friction", {"coefficient": slope * per}))
     return out

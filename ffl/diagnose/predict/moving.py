@@ -10,7 +10,7 @@ import numpy as np
 
 from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.predict.foretold import Told
+from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
 
@@ -19,6 +19,7 @@ FAR, SCALE = 0.2, (0.1, 3.0)  # of a unit, where a search for doubt begins; of a
 STEEP, REACHES = 20.0, 8  # times the roughness: a fall that tells a curvature, and tries to find it
 MOVES = (0.2, 0.1, 0.05)  # of a number's unit, one after the other
 SURE = 2.0  # standard errors that a play must be wide
+BRACKET = (0.5, 1.5)  # times a gap, between which it is
 
 
 def moved(
@@ -92,6 +93,21 @@ def vague(model: Model, spread: Array, covariance: Array) -> bool:
         share = float(np.sqrt(max(1.0 - told, 0.0)))
     wide = 1.0 if model.coordinates[at].log else model.theta[at]
     return not SURE * share * spread[at] < wide
+
+
+def bracketed(point: Told, trials: Sequence[Trial], least: float) -> bool:
+    """Whether half of the gap and half as much again foretell less by `least`, all else fitted again:
+    beside what is still missing innovations are no noise, and tell no error of a gap. (4.4 um of
+    4.9, called +- 4.2: 6,351 behind at half, 4,497 at 1.4 times.)"""
+    at, worth = gap_at(point.model), point.worth(trials)
+    for share in BRACKET:
+        theta = point.theta
+        theta[at] += (
+            float(np.log(share)) if point.model.coordinates[at].log else (share - 1.0) * theta[at]
+        )
+        if refitted(point.at(theta), trials, fixed=(at,)).worth(trials) > worth - least:
+            return False
+    return True
 
 
 def units(point: Told) -> Array:

@@ -16,7 +16,7 @@ from ffl.diagnose.predict.clipped import _behind_play, _side
 from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
 from ffl.diagnose.predict.loose_head import able, claimed, regapped, spared, start, with_loose_head
-from ffl.diagnose.predict.moving import vague
+from ffl.diagnose.predict.moving import bracketed, vague
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -220,6 +220,24 @@ def test_a_play_is_looked_for_beside_what_was_named_of_the_drive(seen):  # type:
     assert found is not None
     assert found.model.names == ("dead_zone", "backlash")
     assert found.model.effects[1].parameters["gap"] == pytest.approx(GAP, rel=0.1)
+
+
+def test_a_play_is_looked_for_beside_what_balances_the_forces(seen):  # type: ignore[no-untyped-def]
+    """A load holds the head to one side of its play: without it no gap foretells anything."""
+    scene, _, told = seen(EffectSpec("constant_load", {"force": 12.0}), PLAY)
+    found = start(scene, told, told)
+    assert found is not None
+    assert found.model.names == ("constant_load", "backlash")
+    assert found.model.effects[0].parameters["force"] == pytest.approx(12.0, rel=0.05)
+    assert found.model.effects[1].parameters["gap"] == pytest.approx(GAP, rel=0.1)
+
+
+def test_a_gap_is_told_where_half_of_it_and_more_are_far_behind(seen):  # type: ignore[no-untyped-def]
+    scene, _, told = seen(PLAY)
+    found = Slip(told.with_effect(PLAY), NOISE)
+    assert bracketed(found, scene.trials, 300.0)
+    tiny = Slip(told.with_effect(replace(PLAY, parameters={"gap": 1e-9})), NOISE)
+    assert not bracketed(tiny, scene.trials, 300.0)
 
 
 def test_a_gain_by_position_beside_a_play_is_told_from_where_no_mass_is_missing(seen):  # type: ignore[no-untyped-def]

@@ -1,6 +1,7 @@
 """What free runs of a machine that sticks and slips leave open, an observer tells."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.predict import parting
 from ffl.diagnose.predict.observer import FIRM, decay_of, led, with_firm_observer
 from ffl.diagnose.predict.parting import clearer, parts
 from ffl.diagnose.proof.prove import nrmse, run_plant
@@ -110,3 +112,29 @@ def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
     assert (
         clearer(found, replace(found, verdict="nothing_missing"), np.random.default_rng(0)) is found
     )
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held", "verdict", "wins"),
+    [
+        (40.0, 2000.0, "explained", True),
+        (40.0, 2000.0, "partly_explained", False),
+        (40.0, 30.0, "explained", False),
+        (-5.0, 2000.0, "explained", False),
+        (90.0, 90.0, "partly_explained", True),
+    ],
+)
+def test_what_explains_all_need_not_fit_better(monkeypatch, fitted, held, verdict, wins):
+    """Wrong names fit one wave as well as right ones, and no other."""
+    free, led_by = (
+        SimpleNamespace(proof=None),
+        SimpleNamespace(verdict=verdict, judged=SimpleNamespace(predicted=False)),
+    )
+    worth = {id(free): (0.0, 0.0), id(led_by): (fitted, held)}
+    proof = SimpleNamespace(nrmse_before=0.3, nrmse_after=0.01)
+    monkeypatch.setattr(parting, "_likelihoods", lambda one: worth[id(one)])
+    monkeypatch.setattr(parting, "_free_proof", lambda *_: proof)
+    monkeypatch.setattr(parting, "replace", lambda again, **changed: "led")
+    led_by.notes = ()
+    found = clearer(free, led_by, np.random.default_rng(0))
+    assert (found == "led") is wins
