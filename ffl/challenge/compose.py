@@ -28,12 +28,15 @@ NEVER_WEAK = (
 )
 
 # Two that are one: levels by direction hold any constant load, a spring's centre moves with it, and one
-# level beside a load is two levels; two levels beside a spring are one, and another centre.
+# level beside a load is two levels; two levels beside a spring are one, and another centre. Levels by
+# position and direction hold any load and any spring.
 ONE_AND_THE_SAME = (
     {"asymmetric_friction", "linear_stiffness"},
     {"asymmetric_friction", "constant_load"},
     {"coulomb_friction", "constant_load"},
     {"linear_stiffness", "constant_load"},
+    {"position_dependent_friction", "constant_load"},
+    {"position_dependent_friction", "linear_stiffness"},
 )
 
 
