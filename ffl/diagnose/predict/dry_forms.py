@@ -89,7 +89,7 @@ def plainly(
 
 def _alike(own: EffectSpec, found: Told, trials: Sequence[Trial]) -> bool:
     """Whether the levels of either direction differ by no more than `SURE` standard errors: then what a
-    rough likelihood has the two ahead of one says nothing. (1.440 N and 1.448 of 1.468 either way: 740.)"""
+    rough likelihood has the two ahead of one says nothing."""
     fit = found.fit(trials) if own.name == "asymmetric_friction" else None
     if fit is None:
         return False
