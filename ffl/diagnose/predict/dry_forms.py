@@ -11,8 +11,16 @@ from ffl.diagnose.contest.settle import DRY, level_of, plain_form
 from ffl.diagnose.hypothesis.places import POINT
 from ffl.diagnose.predict.company import along
 from ffl.diagnose.predict.foretold import refitted
-from ffl.diagnose.predict.joining import Company, Settled, Told, charged, in_place
-from ffl.diagnose.predict.moving import moved
+from ffl.diagnose.predict.joining import (
+    ROUGH,
+    Company,
+    Settled,
+    Told,
+    charged,
+    in_place,
+    lost_to,
+)
+from ffl.diagnose.predict.moving import SURE, doubted, moved
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
@@ -46,13 +54,14 @@ def formed(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     tried.sort(key=lambda form: len(form.model.coordinates))
     best = tried[0]
     for form in tried[1:]:
-        if charged(form, trials) > charged(best, trials) + LEAST:
-            best = form
+        least = LEAST + lost_to(best, form, company.judging)
+        best = form if charged(form, trials) > charged(best, trials) + least else best
     plain = plain_form(best.model.effects[at])
     if plain is not None:  # another form may have come further with all other numbers
         begun_there = in_place(best, best.model.names[at], plain)
         tried.append(settled(refitted(begun_there, trials), trials))
-        best = tried[-1] if charged(tried[-1], trials) > charged(best, trials) - LEAST else best
+        least = LEAST + lost_to(tried[-1], best, company.judging)
+        best = tried[-1] if charged(tried[-1], trials) > charged(best, trials) - least else best
     rest = [form for form in tried if form.model.names != best.model.names]
     rivals = {name: told for name, told in company.rivals.items() if name != own.name}
     if rest:
@@ -71,9 +80,28 @@ def plainly(
         return company, found
     tried = refitted(in_place(found, own.name, plain), trials)
     if charged(tried, trials) < charged(found, trials) - LEAST:
-        return company, found
+        if not _alike(own, found, trials):
+            return company, found
+        tried = moved(tried, trials)
     rivals = {name: told for name, told in company.rivals.items() if name != own.name}
     return Company(tried, company.trials, {**rivals, plain.name: company.found}), tried
+
+
+def _alike(own: EffectSpec, found: Told, trials: Sequence[Trial]) -> bool:
+    """Whether the levels of either direction differ by no more than `SURE` standard errors: then what a
+    rough likelihood has the two ahead of one says nothing."""
+    fit = found.fit(trials) if own.name == "asymmetric_friction" else None
+    if fit is None:
+        return False
+    cov = doubted(fit, found, trials, ROUGH).covariance
+    at = found.model.names.index(own.name)
+    coordinates = found.model.coordinates
+    two = [k for k, c in enumerate(coordinates) if c.effect == at and c.name.startswith("level")]
+    if len(two) != 2:
+        return False
+    way = np.array([1.0, -1.0])
+    apart = abs(float(way @ found.theta[two]))
+    return apart < SURE * float(np.sqrt(way @ cov[np.ix_(two, two)] @ way))
 
 
 def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[list[EffectSpec]]:

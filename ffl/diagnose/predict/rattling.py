@@ -43,7 +43,7 @@ from ffl.diagnose.predict.joining import (
     needed,
     proven,
 )
-from ffl.diagnose.predict.moving import doubted, gap_at, vague
+from ffl.diagnose.predict.moving import doubted, gap_at, masses, vague
 from ffl.diagnose.predict.play import (
     GLANCE,
     GRIDS,
@@ -73,6 +73,7 @@ HELD = tuple(0.125 * k for k in range(1, 13))  # of the mean command: a load to 
 ZONES = tuple(0.125 * k for k in range(1, 9))  # of its width: a dead zone beside such a load
 LEAST = 4.0 * ROUGH  # that a constant force, or a mass beyond the line, must bring
 UNEXPLAINED = 2.0  # of the mean square of stated noise: what no named effect has left
+SLIGHT = 0.01  # of the mass: what stands in for nobody
 BELIEVED = 3.0  # times the noise of the plant file: louder is structure that is left
 
 
@@ -216,8 +217,22 @@ def accompanied(
         return dampers(company.found, scene)
 
     company = Company(found, short, judging=judging)
-    company = joined(company, scene, able, again, further)
+    company = joined(company, scene, able, again, further, barer)
     return formed(exchanged(proven(company, again), again), again)
+
+
+def barer(found: Hypothesis) -> Hypothesis | None:
+    """`found` with the mass of the plant file and no dry friction: either was begun with as the grid and
+    the balance of forces had it, with nobody else beside the play. None where that is as found."""
+    model = found.model
+    for name in model.names:
+        if name in DRY:
+            model = model.without(model.names.index(name))
+    theta, own = model.theta.copy(), masses(model)
+    if len(model.effects) == len(found.model.effects) and not np.any(np.abs(theta[own]) > SLIGHT):
+        return None
+    theta[own] = 0.0
+    return replace(found, model=model.at(theta))
 
 
 def dampers(found: Hypothesis, scene: Scene) -> list[Candidate]:

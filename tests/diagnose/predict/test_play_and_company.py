@@ -10,13 +10,14 @@ from test_rattling import NOISE, STEP, path, plant, rigid, scene_of  # noqa: F40
 
 from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.noise.noise import partly_coloured
+from ffl.diagnose.predict import joining
 from ffl.diagnose.predict.balance import humming, rubbing
-from ffl.diagnose.predict.dry_forms import formed
+from ffl.diagnose.predict.dry_forms import _alike, formed
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import Company, proven
 from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import LOOSENESS, Hypothesis, able, settled
-from ffl.diagnose.predict.rattling import accompanied, dampers, started
+from ffl.diagnose.predict.rattling import accompanied, barer, dampers, started
 from ffl.diagnose.predict.switching import _clipped
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, EffectSpec, Physics, Plant, Zpk
@@ -213,21 +214,21 @@ class Seen:
     worth: Any
 
 
+def told(names, own, other):  # type: ignore[no-untyped-def]
+    effects = tuple(EffectSpec(name, {}) for name in names)
+    model = SimpleNamespace(names=names, effects=effects, coordinates=())
+    model.without = lambda k: told(names[:k] + names[k + 1 :], 0.0, 0.0).model
+    worth = {"fitted": own, "judging": other}
+    return Seen(model, lambda trials: worth[trials[0]])
+
+
 @pytest.mark.parametrize(
     ("fitted", "judging", "stays"),
     [(300.0, None, True), (116.0, 136.0, True), (116.0, 20.0, False), (40.0, 500.0, False),
-     (116.0, None, False)],
+     (116.0, None, False), (300.0, -100.0, False), (400.0, -100.0, True)],
 )  # fmt: skip
 def test_a_little_is_enough_where_recordings_that_judge_say_the_same(fitted, judging, stays):
-    """Roughness has no reason to bring both."""
-
-    def told(names, own, other):  # type: ignore[no-untyped-def]
-        effects = tuple(EffectSpec(name, {}) for name in names)
-        model = SimpleNamespace(names=names, effects=effects, coordinates=())
-        model.without = lambda k: told(names[:k] + names[k + 1 :], 0.0, 0.0).model
-        worth = {"fitted": own, "judging": other}
-        return Seen(model, lambda trials: worth[trials[0]])
-
+    """Roughness has no reason to bring both; and what those lose, who joins must bring as well."""
     bare, both = (
         told(("backlash",), 0.0, 0.0),
         told(("encoder_ripple", "backlash"), fitted, judging or 0.0),
@@ -235,3 +236,53 @@ def test_a_little_is_enough_where_recordings_that_judge_say_the_same(fitted, jud
     company = Company(both, ("fitted",), judging=("judging",) if judging else ())
     found = proven(company, lambda point, trials: bare if len(point.model.names) < 2 else point)
     assert (found.found.model.names == both.model.names) is stays
+
+
+@pytest.mark.parametrize(("behind", "joins"), [(0.0, True), (2000.0, False)])
+def test_who_a_wrong_mass_hides_joins_beside_none(monkeypatch, behind, joins):
+    """By first-order gain: a refit from there is rough. None where that start is far behind."""
+    massive, bare = told(("backlash",), 100.0, 0.0), told(("backlash",), 50.0 - behind, 0.0)
+    zone = told(("dead_zone", "backlash"), 40.0 - behind, 0.0)
+    sine = told(("periodic_disturbance", "backlash"), 60.0 - behind, 0.0)
+    there = told(("dead_zone", "backlash"), 900.0, 0.0)
+
+    def ranked(company, *_):  # type: ignore[no-untyped-def]
+        ways = [joining._Way(sine, ("fitted",), 20.0), joining._Way(zone, ("fitted",), 248.0)]
+        return ways if company.found is bare else []
+
+    monkeypatch.setattr(joining, "_ranked", ranked)
+    company = joining.joined(
+        Company(massive, ("fitted",)),
+        None,
+        able,
+        lambda point, trials: there if point is zone else point,
+        barer=lambda found: bare,
+    )
+    assert company.found is (there if joins else massive)
+    assert company.rivals == ({"dead_zone": sine} if joins else {})
+
+
+def test_a_barer_start_has_neither_mass_nor_friction(plant):  # noqa: F811
+    _, model = scene_of(plant, recorded(plant))
+    heavy = replace(model, effects=(RUBS, PLAY), corrections={**model.corrections, "mass": 0.08})
+    bare = barer(Hypothesis(heavy, NOISE))
+    assert bare.model.names == ("backlash",)
+    assert bare.model.corrections["mass"] == 0.0
+    assert barer(bare) is None
+
+
+def test_settling_is_no_worse_than_what_it_began_with(plant):  # noqa: F811
+    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS))
+    under = replace(NOISE, force=30.0 * NOISE.force)  # friction that is not in the model
+    begun = refitted(Hypothesis(replace(model, effects=(PLAY,)), under), scene.trials)
+    found = settled(begun, replace(scene, noise=replace(NOISE, force=1e-3 * NOISE.force)), (1.0,))
+    assert found.worth(scene.trials) >= begun.worth(scene.trials)
+
+
+def test_levels_of_either_direction_are_alike_within_their_errors(plant):  # noqa: F811
+    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS))
+    found = Hypothesis(replace(model, effects=(RUBS, PLAY)), NOISE)
+    assert not _alike(RUBS, found, scene.trials)
+    plain = replace(RUBS, parameters={"level_positive": 9.0, "level_negative": 9.0})
+    same = replace(found, model=replace(model, effects=(plain, PLAY)))
+    assert _alike(plain, same, scene.trials)
