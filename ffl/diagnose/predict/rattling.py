@@ -40,6 +40,7 @@ from ffl.diagnose.predict.joining import (
     exchanged,
     in_step,
     joined,
+    lost_to,
     needed,
     proven,
 )
@@ -122,7 +123,7 @@ def with_rattling(
         found = settled(company.found, scene, LOOSENESS[1:])
     found = regridded(found, scene)
     found = massless(found, scene, refitted, ROUGH)
-    company, found = plainly(company, crossed(found, scene), scene.trials)
+    company, found = plainly(company, crossed(found, scene, held.trials), scene.trials)
 
     def told_of(other: Hypothesis) -> Judged | None:
         fitted, factor = other.scaled(scene.trials)
@@ -324,10 +325,10 @@ def massless(
     return there if there.worth(scene.trials) > found.worth(scene.trials) - rough else found
 
 
-def crossed(found: Told, scene: Scene) -> Told:
+def crossed(found: Told, scene: Scene, judging: Sequence[Trial] = ()) -> Told:
     """With a mass or damping beyond the contract's line as the effect it is, where it foretells best, and
-    clearly better than on the line; free runs of a loop that rattles would not find the way. One that an
-    effect of its kind undoes goes with it."""
+    clearly better than on the line, by what it loses in recordings that are `judging` as well; free runs of
+    a loop that rattles would not find the way. One that an effect of its kind undoes goes with it."""
     for name in ("mass", "damping"):
         if (net := netted(scene, found.model, name)) is not None:
             found = refitted(replace(found, model=net), scene.trials)
@@ -341,7 +342,8 @@ def crossed(found: Told, scene: Scene) -> Told:
         held, on_line = model.held | {name}, {**model.corrections, name: value * LINE / abs(size)}
         within = replace(found, model=replace(model, corrections=on_line, held=held))
         within = refitted(within, scene.trials)
-        if found.worth(scene.trials) < within.worth(scene.trials) + LEAST:
+        least = LEAST + lost_to(within, found, judging)
+        if found.worth(scene.trials) < within.worth(scene.trials) + least:
             continue
         corrections = {k: v for k, v in model.corrections.items() if k != name}
         bare = replace(model, corrections=corrections, held=held)
