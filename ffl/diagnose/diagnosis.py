@@ -14,6 +14,7 @@ from ffl.diagnose.contest.plainest import plainest
 from ffl.diagnose.contest.restraint import restrained
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
+from ffl.diagnose.contest.timing import late_otherwise
 from ffl.diagnose.hypothesis.harmonics import without_faint
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.heard import with_modes_heard
@@ -260,8 +261,10 @@ def _named(
         held = with_starts(held.like(scene), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
     if not standing.predicted:
+        before = standing.model.names
         standing = across_the_line(standing.scene, held, standing)
         standing, outcome = against_the_refused(held, standing, outcome)
+        standing, outcome = late_otherwise(held, standing, outcome, before)
         standing, outcome = plainest(held, standing, outcome)
         standing = without_faint(held, standing)
     standing = with_modes_heard(held, standing)

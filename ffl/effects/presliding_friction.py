@@ -46,7 +46,7 @@ class PreslidingFriction(Effect):
     )
     depends_on = ("direction", "history", "position")
     ladder = ("stiffness", np.geomspace(0.05, 20.0, 7))
-    siblings = ("coulomb_friction", "hysteresis", "stribeck_friction")
+    siblings = ("coulomb_friction", "hysteresis", "stribeck_friction", "asymmetric_friction")
     options = {"kind": KINDS}  # noqa: RUF012
     law = staticmethod(_law)
     remembers = True
