@@ -61,7 +61,12 @@ class StribeckFriction(Effect):
         Parameter("stribeck_velocity", "x/s", lower=1e-12, linear=False),
     )
     depends_on = ("velocity", "direction")
-    siblings = ("coulomb_friction", "presliding_friction", "viscous_friction", "asymmetric_friction")
+    siblings = (
+        "coulomb_friction",
+        "presliding_friction",
+        "viscous_friction",
+        "asymmetric_friction",
+    )
     law = staticmethod(_law)
     remembers = True
     switches = True

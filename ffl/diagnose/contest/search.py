@@ -33,7 +33,7 @@ from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import crosses, on_the_line
 from ffl.diagnose.contest.modes import mode_elsewhere
 from ffl.diagnose.contest.parallel import each
-from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.rounds import Outcome, Step, to_the_end
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import (
     DRY,
@@ -62,10 +62,12 @@ WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it
 BY_CHANCE = 0.05  # of noise that makes more
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
+CLOSER = (
+    0.75  # of it: what one who is refused must leave to be followed where the rest may be noise
+)
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 MOST, MOST_OF_STAGES = 3, 5  # effects that may join; a row of lags has as many of its own
 LOUD = 2.0  # times the held-out sum of squares of least noise: so much left, and one more may join
-FURTHER = 4  # times 8 rounds that the best of a round are fitted on
 
 
 def contest(
@@ -137,16 +139,21 @@ def _with_who_was_turned_down(
 ) -> Outcome:
     """Where the first that was refused brought the fitted recordings very much, it goes on from there with
     nobody turned down; what it comes to stands only if it leaves less than `HALF` of what was left in
-    the held-out recordings. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times
-    the held-out error, all three leave a ninetieth.)"""
+    the held-out recordings. All misfit passes for noise where nobody stands: who leaves less of them is
+    followed then too. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times the held-out
+    error, all three leave a ninetieth. A limit, beside a damping of 57 times the model's for a drag, left
+    half of the squares, and with the drag a ninetieth.)"""
     stood = raw_error(outcome.held, outcome.standing.model)
     scene = outcome.standing.scene
-    if scene.work.done or HALF * stood < noise_error(outcome.held, scene):
+    if scene.work.done:
         return outcome
+    noisy = HALF * stood < noise_error(outcome.held, scene)
     for step in outcome.steps:
         one = step.refused
         if one is None or one.fitted - step.before.fitted < UNTOLD:
             continue
+        if noisy and not raw_error(outcome.held, one.model) < CLOSER * stood:
+            continue  # what is left may be noise
         say(f"the other way: with {one.name}, refused before")
         joined = [s for s in outcome.steps[: outcome.steps.index(step)] if s.accepted is not None]
         steps = [*joined, replace(step, accepted=one, turned_down=None)]
@@ -341,7 +348,7 @@ def _one_more(
     rivals.sort(key=lambda j: -j.score)
     for k, rival in enumerate(rivals[:2]):  # the two that matter go on to convergence
         if rival.score > base.score:
-            rivals[k] = _to_the_end(quiet, held, rival)
+            rivals[k] = to_the_end(quiet, held, rival)
     base, *rivals = levelled([base, *rivals])
     rivals.sort(key=lambda j: -j.score)
     worthy = [
@@ -357,18 +364,6 @@ def _one_more(
         worthy = _claimants(quiet, held, base, rivals, threshold)
     worthy = gaining(worthy, base)
     return base, rivals, worthy[0] if worthy else None
-
-
-def _to_the_end(quiet: Scene, held: Scene | None, judged: Judged) -> Judged:
-    """`judged` fitted on until it converges: where the model's own numbers had stood in for an effect they
-    have far to go (a lag for which a mass five times too large had stood: 44 nats after 6 rounds, 92 in
-    the end, hardly any on the way)."""
-    for _ in range(FURTHER):
-        model = judged.model.beyond()
-        if judged.fit.status != "rounds" and model is judged.model:
-            break
-        judged = judge(quiet, held, model, 8, judged.fit)
-    return judged
 
 
 def _above(several: Judged, single: Judged, rivals: Sequence[Judged]) -> bool:
