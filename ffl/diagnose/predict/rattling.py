@@ -218,8 +218,11 @@ def accompanied(
         return dampers(company.found, scene)
 
     company = Company(found, short, judging=judging)
-    company = joined(company, scene, able, again, further, barer)
-    return formed(exchanged(proven(company, again), again), again)
+    came = joined(company, scene, able, again, further, barer)
+    stayed = proven(came, again)
+    if stayed.found.model.names != came.found.model.names:  # from better numbers another may be seen
+        stayed = proven(joined(stayed, scene, able, again, further), again)
+    return formed(exchanged(stayed, again), again)
 
 
 def barer(found: Hypothesis) -> Hypothesis | None:
