@@ -131,17 +131,18 @@ def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, m
 
 
 @pytest.mark.parametrize(
-    ("gained", "left", "noise", "runs", "followed", "stands"),
+    ("gained", "alone", "left", "noise", "runs", "followed", "stands"),
     [
-        (500.0, 30.0, 1.0, 0, True, True),
-        (500.0, 80.0, 1.0, 0, True, False),  # not half of what was left
-        (100.0, 30.0, 1.0, 0, False, False),  # the fitted recordings gained little by it
-        (500.0, 30.0, 60.0, 0, False, False),  # what is left may be noise
-        (500.0, 30.0, 1.0, MOST, False, False),  # enough was tried
+        (500.0, 110.0, 30.0, 1.0, 0, True, True),
+        (500.0, 110.0, 80.0, 1.0, 0, True, False),  # not half of what was left
+        (100.0, 110.0, 30.0, 1.0, 0, False, False),  # the fitted recordings gained little by it
+        (500.0, 110.0, 30.0, 60.0, 0, False, False),  # what is left may be noise
+        (500.0, 55.0, 30.0, 60.0, 0, True, True),  # and of that noise it takes half
+        (500.0, 110.0, 30.0, 1.0, MOST, False, False),  # enough was tried
     ],
 )
 def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
-    gained, left, noise, runs, followed, stands, monkeypatch
+    gained, alone, left, noise, runs, followed, stands, monkeypatch
 ):
     def standing(name, fitted=0.0):  # type: ignore[no-untyped-def]
         scene = SimpleNamespace(work=Work(runs))
@@ -161,7 +162,8 @@ def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
         return other
 
     monkeypatch.setattr(search, "_climb", climb)
-    monkeypatch.setattr(search, "raw_error", lambda _, model: 100.0 if model == "stood" else left)
+    errors = {"stood": 100.0, "friction": alone, "other": left}
+    monkeypatch.setattr(search, "raw_error", lambda _, model: errors[model])
     monkeypatch.setattr(search, "noise_error", lambda *_: noise)
     found = search._with_who_was_turned_down(outcome, THRESHOLD, 3, lambda line: None)
     assert asked == ([(friction, [first, friction], True)] if followed else [])

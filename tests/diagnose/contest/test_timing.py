@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from ffl.diagnose.contest.judging import judge
-from ffl.diagnose.contest.timing import begun_late
+from ffl.diagnose.contest.rounds import Outcome
+from ffl.diagnose.contest.timing import begun_late, late_otherwise
 from ffl.systems.plant import EffectSpec
 
 DELAY = EffectSpec("input_delay", {"delay": 0.0021})
@@ -52,3 +53,16 @@ def test_one_of_them_alone_is_no_pair(late, effects):
     scene, held, model = late
     standing = judge(scene, held, replace(model, effects=effects), 2)
     assert begun_late(scene, held, standing, quiet) is None
+
+
+def test_a_lag_is_held_against_a_delay_once_a_mass_stands_beside_it(stage, record, scenes):
+    heavy = EffectSpec("mass_change", {"change": 0.08})
+    scene, held, model = scenes(record(replace(stage, effects=(DELAY, heavy)), 0))
+    beside = replace(model, effects=(LAG, heavy), held=frozenset({"mass"}))
+    standing = judge(scene, held, beside, 6)
+    outcome = Outcome(standing, [], held, {})
+    found, after = late_otherwise(held, standing, outcome, ("actuator_lag",))
+    assert found.model.names == ("input_delay", "mass_change")
+    assert found.model.effects[0].parameters["delay"] == pytest.approx(0.0021, rel=0.05)
+    assert [name for name, _ in after.contenders["input_delay"]] == ["input_delay", "actuator_lag"]
+    assert late_otherwise(held, standing, outcome, standing.model.names) == (standing, outcome)

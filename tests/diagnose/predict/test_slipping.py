@@ -159,6 +159,18 @@ def test_friction_is_told_beside_what_drives_the_machine_and_what_it_carries(see
     assert force["force"] == pytest.approx(2.6, rel=0.3)
 
 
+def test_levels_by_direction_are_begun_from_the_means_of_a_table(seen):  # type: ignore[no-untyped-def]
+    scene, _, model = seen(SKEWED)
+    rows = {"positive": [1.0, 1.4], "negative": [2.6, 2.2]}
+    spec = EffectSpec(
+        "position_dependent_friction", {"level": 1.8, "table": {"grid": [-0.1, 0.1], **rows}}
+    )
+    found = dry_in_noise._of_the_mean(Slip(model.with_effect(spec), scene.noise), scene.trials)
+    assert found.model.names == ("asymmetric_friction",)
+    for name, level in SKEWED.parameters.items():
+        assert found.model.effects[0].parameters[name] == pytest.approx(level, rel=0.1), name
+
+
 def test_forms_of_friction_in_the_filters_terms():
     stribeck = EffectSpec(
         "stribeck_friction",
