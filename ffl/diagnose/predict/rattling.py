@@ -220,7 +220,9 @@ def accompanied(
     company = Company(found, short, judging=judging)
     came = joined(company, scene, able, again, further, barer)
     stayed = proven(came, again)
-    if stayed.found.model.names != came.found.model.names:  # from better numbers another may be seen
+    if (
+        stayed.found.model.names != came.found.model.names
+    ):  # from better numbers another may be seen
         stayed = proven(joined(stayed, scene, able, again, further), again)
     return formed(exchanged(stayed, again), again)
 

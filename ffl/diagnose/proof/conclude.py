@@ -130,6 +130,9 @@ def conclude(
         said = "partly_explained" if seen else "inconclusive"
         if not seen:
             place = where.Place("", "what was fitted does not hold on the held-out recordings", ())
+    if said == "explained" and effects and trusted and not proof.improves:
+        said = "partly_explained"
+        notes.append("free runs of the held-out recordings are no better for what was named")
     unsure = trusted and not model.machine.states_noise
     if said == "explained" and unsure and proof.nrmse_after > MOST * proof.nrmse_before:
         said = "partly_explained"

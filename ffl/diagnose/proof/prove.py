@@ -57,6 +57,12 @@ class Proof:
     observed: bool = False
 
     @property
+    def improves(self) -> bool:
+        """Whether y is nearer to what was recorded than before, or u is."""
+        pairs = ((self.nrmse_before, self.nrmse_after), (self.u_nrmse_before, self.u_nrmse_after))
+        return any(None not in (b, a) and a < b for b, a in pairs)  # type: ignore[operator]
+
+    @property
     def withdrawn(self) -> Proof:
         """The proof of an answer that claims nothing: after is before, what a map draws apart. Noise by
         which what was withdrawn had explained itself, louder than all that is left, is none."""

@@ -166,9 +166,9 @@ def test_levels_by_direction_are_begun_from_the_means_of_a_table(seen):  # type:
         "position_dependent_friction", {"level": 1.8, "table": {"grid": [-0.1, 0.1], **rows}}
     )
     found = dry_in_noise._of_the_mean(Slip(model.with_effect(spec), scene.noise), scene.trials)
+    right = refitted(Slip(model.with_effect(SKEWED), scene.noise), scene.trials)
     assert found.model.names == ("asymmetric_friction",)
-    for name, level in SKEWED.parameters.items():
-        assert found.model.effects[0].parameters[name] == pytest.approx(level, rel=0.1), name
+    assert found.worth(scene.trials) > right.worth(scene.trials) - 1.0
 
 
 def test_forms_of_friction_in_the_filters_terms():
