@@ -62,10 +62,8 @@ WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it
 BY_CHANCE = 0.05  # of noise that makes more
 CLAIMANTS = 4  # effects that are held against a correction beyond the line
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
-CLOSER = (
-    0.75  # of it: what one who is refused must leave to be followed where the rest may be noise
-)
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
+CLOSER = 0.75  # of it: what who is refused must leave to be followed where the rest may be noise
 MOST, MOST_OF_STAGES = 3, 5  # effects that may join; a row of lags has as many of its own
 LOUD = 2.0  # times the held-out sum of squares of least noise: so much left, and one more may join
 

@@ -79,6 +79,12 @@ def places_of(model: Model) -> list[Place]:
     return kept
 
 
+def of_the_machine(model: Model) -> list[Place]:
+    """Places where a force may act but that of the sensor, which it is only where there is no other."""
+    places = places_of(model)
+    return [place for place in places if place.side != "sensor"] or places
+
+
 def drive_places(model: Model) -> list[Place]:
     """Where the drive may feel the motion that changes its force: where it pushes. With more than two modes
     the ratio by which they share the motor's motion is no number of the plant file, and may be another."""

@@ -19,7 +19,7 @@ from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import places_of
+from ffl.diagnose.hypothesis.places import of_the_machine
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.balance import humming, rubbing
 from ffl.diagnose.predict.company import along, separable
@@ -155,8 +155,7 @@ def _beside(scene: Scene, told: Model, stood: Model, sines: Sequence[EffectSpec]
     that was named that the filter can take."""
     models = [told, replace(told, corrections=stood.corrections)]
     models += [told.with_effect(sine) for sine in sines]
-    places = [p for p in places_of(told) if p.mass_ratio is None]
-    places = [p for p in places if p.side != "sensor"] or places
+    places = [p for p in of_the_machine(told) if p.mass_ratio is None]
     rubs = [force for force in rubbing(scene.trials, told) if able(force)]
     models += [told.with_effect(replace(f, options=p.options)) for f in rubs for p in places]
     whole = tuple(spec for spec in stood.effects if able(spec) and spec.name != "backlash")

@@ -25,7 +25,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import POINT, Place, places_of, point_of
+from ffl.diagnose.hypothesis.places import POINT, Place, of_the_machine, places_of, point_of
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
@@ -170,7 +170,7 @@ def started(
     apart = tuple(spec for spec in named if separable(spec))
     whole = tuple(spec for spec in named if able(spec))
     companies = [apart, whole] if len(whole) > len(apart) else [apart]
-    places = [place for place in places_of(told) if place.side != "sensor"] or places_of(told)
+    places = of_the_machine(told)
     for k, spec in enumerate(whole):
         form = {key: v for key, v in spec.options.items() if key not in POINT}
         others = [p for p in places if spec.name in DRY and p.side != point_of(spec).side]
@@ -220,9 +220,8 @@ def accompanied(
     company = Company(found, short, judging=judging)
     came = joined(company, scene, able, again, further, barer)
     stayed = proven(came, again)
-    if (
-        stayed.found.model.names != came.found.model.names
-    ):  # from better numbers another may be seen
+    # One who left leaves better numbers, from which another may be seen.
+    if stayed.found.model.names != came.found.model.names:
         stayed = proven(joined(stayed, scene, able, again, further), again)
     return formed(exchanged(stayed, again), again)
 
