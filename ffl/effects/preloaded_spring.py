@@ -13,6 +13,7 @@ from ffl.systems.state_space import Array
 PLACES = 25  # along the travel that are screened
 WIDTHS = (0.002, 0.02)  # of the travel
 WIDEST, NARROWEST = 0.25, 1e-4  # of it: over more it is a spring, and less shows nowhere
+PASSED = 2.0  # widths from the centre, to either side, that the machine must have been
 
 
 @njit(error_model="numpy")
@@ -88,9 +89,11 @@ class PreloadedSpring(Effect):
         return float(packed[0] / packed[2])
 
     def credible(self, spec: EffectSpec, extent: Extent) -> bool:
-        """A spring of which one end alone was passed, the other made up for by a load, is an end stop."""
+        """A spring of which one end alone was passed by as much again as lies between centre and end, the
+        other made up for by a load, is an end stop, or a spring that is stiffer on one side."""
         width, centre = (float(spec.parameters[name]) for name in ("width", "centre"))
-        passed = extent.lowest < centre - width and centre + width < extent.highest
+        beyond = PASSED * width
+        passed = extent.lowest < centre - beyond and centre + beyond < extent.highest
         return passed and NARROWEST * extent.travel < width < WIDEST * extent.travel
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:

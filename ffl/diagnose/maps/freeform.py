@@ -29,6 +29,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import SENT, FreeModel, FreeScreen, Part, Running
 from ffl.diagnose.maps.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
 from ffl.diagnose.maps.freestep import ROUNDS, STILL, last_gain, stepped
+from ffl.diagnose.maps.known import where_known
 from ffl.diagnose.noise.colour import colouring
 from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.recorded.starts import with_starts
@@ -42,6 +43,7 @@ RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less
 HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
 FAR = 2.5  # times what another map leaves: a map that leaves more is not nearly right
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
+CLOSE = 1.1  # times what another map leaves of held-out recordings: as much as it does
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
 
 
@@ -158,33 +160,10 @@ def judged(
         runs = [free.follow(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
-        known = np.concatenate([_known(free, r[0].x, held) for r in runs if r])
+        known = np.concatenate([where_known(free, r[0].x, held) for r in runs if r])
         missed = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
         white = held.judge(missed, known)
     return FreeForm(free, scene, gain, left, white, known, held=held)
-
-
-def _known(free: FreeModel, x: Array, scene: Scene) -> Array:
-    """Where the position is, and has been for the loop's memory, within the fitted range."""
-    spans = [p.ranges["x"] for p in free.parts if "position" in p.term.variables]
-    if not spans:
-        return np.ones(len(x), bool)
-    low, high = max(s[0] for s in spans), min(s[1] for s in spans)
-    slack = 0.01 * (high - low)
-    outside = (x < low - slack) | (x > high + slack)
-    since = np.arange(len(x)) - np.maximum.accumulate(
-        np.where(outside, np.arange(len(x)), -(10**9))
-    )
-    return since > _memory(scene)
-
-
-def _memory(scene: Scene) -> int:
-    """Samples after which the loop has forgotten a force but for a hundredth."""
-    n = min(4096, max(len(t) for t in scene.trials))
-    unit = np.zeros(n)
-    unit[0] = 1.0
-    energy = np.cumsum(scene.loop.process_sensitivity.filter(unit) ** 2)
-    return int(np.searchsorted(energy, 0.9999 * energy[-1]))
 
 
 def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> FreeForm | None:
@@ -243,7 +222,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         return None
     best = min(
         _no_worse(done, current),
-        key=lambda f: (len(f.parts[-1].term.variables), -_score(f, current)),
+        key=lambda f: (_drives_itself(f), len(f.parts[-1].term.variables), -_score(f, current)),
     )
     listed = tuple(Ranked(e.part.term.name, e.part.place.words, e.evidence.gain) for e in found[0])
     untold, alike = _untold(current, best), tuple(f.parts[-1] for f in done if _alike(f, best))
@@ -263,8 +242,17 @@ def _alike(f: FreeForm, best: FreeForm) -> bool:
     own, other = best.parts[-1].term.variables, f.parts[-1].term.variables
     if set(own) & set(other) or len(other) > len(own):
         return False
-    ahead = held_gain(f.held_white, best.held_white, f.known & best.known)
-    return 0.5 * (f.cost - best.cost) < WORTH and ahead < HELD_WORTH
+    known = f.known & best.known
+    ahead = held_gain(f.held_white, best.held_white, known)
+    left, least = (float(np.sum(one.held_white[known] ** 2)) for one in (f, best))
+    # Neither is drawn exactly: of long recordings a few per cent of the noise are many times a likelihood.
+    return 0.5 * (f.cost - best.cost) < WORTH and (ahead < HELD_WORTH or left < CLOSE * least)
+
+
+def _drives_itself(f: FreeForm) -> bool:
+    """With less than no damping: of maps that do as much the others come first. (A force by position
+    beside -1.4 times the stated damping stood for an amplifier weaker one way.)"""
+    return f.free.model.corrections.get("damping", 0.0) < -1.0
 
 
 def _weighed(f: FreeForm, before: FreeForm) -> FreeForm:

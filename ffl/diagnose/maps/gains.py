@@ -25,8 +25,8 @@ def gains_of(
     scene: Scene, held: Scene | None, standing: Model, nominal: Model, alone: FreeForm
 ) -> tuple[float, float, float]:
     """(fitted, held out) log-likelihood that the maps gain over the names, under the maps' noise, and what
-    the held-out recordings would bring in the mean (`promise`). What these gain by corrections that the
-    fitted ones leave open, or get wrong, is no map's."""
+    the held-out recordings would bring in the mean over the same rival (`promise`). What these gain by
+    corrections that the fitted ones leave open, or get wrong, is no map's."""
     quiet = scene.like(alone.scene)
     left = quiet.residuals(standing)
     if left is None:
@@ -41,15 +41,15 @@ def gains_of(
         rivals.append(nominal)
         if 0.5 * (quiet.cost(bare) - quiet.cost(standing)) <= OPEN:
             rivals.append(bare)
-    gained, told = [], []
+    gained = []
     for rival in rivals:
         left = judged.residuals(rival)
         white = np.full(len(alone.held_white), np.inf)
         if left is not None:
             white = judged.judge(left, alone.known)
-        gained.append(held_gain(white, alone.held_white, alone.known))
-        told.append(promised(white, alone.held_white, alone.known))
-    return fitted, min(gained), max(told)
+        ahead = held_gain(white, alone.held_white, alone.known)
+        gained.append((ahead, promised(white, alone.held_white, alone.known)))
+    return (fitted, *min(gained))
 
 
 def left_alone(beside: FreeForm, nominal: Model) -> FreeForm | None:
