@@ -1,4 +1,4 @@
-"""Where maps can be judged: where the machine is, and has been for a while, in the range they were fitted in."""
+"""Where maps can be judged: where the machine is, and has been a while, in the range that was fitted."""
 
 from __future__ import annotations
 
