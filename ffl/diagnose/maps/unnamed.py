@@ -17,7 +17,7 @@ from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
 from ffl.diagnose.maps.falling import falling_limits, law
 from ffl.diagnose.maps.formula import Formula, formula
-from ffl.diagnose.maps.freeform import FAR, HELD_WORTH, FreeForm, free_form, held_gain
+from ffl.diagnose.maps.freeform import FAR, HELD_WORTH, FreeForm, calmed, free_form, held_gain
 from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
@@ -363,6 +363,8 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
 
 
 def _described(contest: Contest, rng: Generator) -> Contest:
+    if contest.verdict == "unnamed" and contest.alone is not None:
+        contest = replace(contest, alone=calmed(contest.alone))
     winner = contest.winner
     assert winner is not None
     screen = FreeScreen(winner.scene, winner.free)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.maps.dropouts import RATES, Search, _searched, dropouts, expected
-from ffl.diagnose.maps.unnamed import _lost, _of_delay
+from ffl.diagnose.maps.unnamed import _lost, _over_a_delay
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec
@@ -83,13 +84,32 @@ def test_nothing_else_is_taken_for_lost_commands(stage, references, what, scenes
     assert found is None or min(found.gains(scene, held, standing)) < 0
 
 
-def test_a_delay_that_stands_is_charged_for_what_it_brings(stage, references, scenes):  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize(
+    ("gains", "confirmed", "over"),
+    [
+        ((1.1, -0.1), False, True),  # times what it brings in the fitted recordings
+        ((0.1, 9.0), True, True),  # what these hardly show the others do
+        ((0.1, 9.0), False, False),
+        ((0.1, 0.5), True, False),
+    ],
+)
+def test_a_delay_that_stands_is_charged_for_what_it_brings(
+    stage, references, scenes, gains, confirmed, over
+):  # type: ignore[no-untyped-def]
     late = (EffectSpec("input_delay", {"delay": 5e-4}),)
-    nothing = np.zeros(len(references[0]), bool)
-    scene, _, model = scenes([recorded(stage, references[0], nothing, 1, late)])
+    runs = []
+    for k, r in enumerate(references[:2]):
+        runs.append(recorded(stage, r, np.zeros(len(r), bool), 1 + k, late))
+    scene, held, model = scenes(runs)
+    lost = SimpleNamespace(
+        fitted=SimpleNamespace(scene=scene), confirmed=confirmed, held_white=np.zeros(held.samples)
+    )
     standing = replace(model, effects=late)
-    assert _of_delay(scene, standing) > 100.0
-    assert _of_delay(scene, model) == 0.0
+    brought = 0.5 * (fit(scene, model).cost - scene.cost(standing))
+    assert brought > 100.0
+    first, others = (brought * share for share in gains)
+    assert _over_a_delay(lost, (first, others), (scene, held), standing) is over
+    assert _over_a_delay(lost, (first, others), (scene, held), model)  # nothing to be charged for
 
 
 def test_a_bus_that_loses_commands_is_unnamed(stage, losing):  # type: ignore[no-untyped-def]

@@ -16,8 +16,10 @@ from ffl.diagnose.maps import freeform
 from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost
 from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
-from ffl.diagnose.maps.gains import within_the_line
+from ffl.diagnose.maps.gains import gains_of, within_the_line
+from ffl.diagnose.maps.known import where_known
 from ffl.diagnose.maps.terms import TERMS
+from ffl.diagnose.maps.unnamed import _hardly_shown
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.events import events
 from ffl.diagnose.recorded.trials import prepare
@@ -233,3 +235,58 @@ def test_terms_that_undo_one_another_are_no_formula():
     steep = Shape("tanh({z}/{0})", lambda z, w: np.tanh(z / w), (0.05,))
     assert _cancel([sign, steep], z, r, bump)
     assert not _cancel([sign, line], z, r, bump)
+
+
+def test_a_map_by_position_is_known_again_once_the_loop_has_forgotten_what_was_beyond(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    term = next(t for t in TERMS if t.name == "position")
+    ranges = {"x": (-0.01, 0.01), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 1.0)}
+    part = Part(term, Place("force", "sensor"), np.zeros(len(term.knots(ranges))), ranges)
+    x = np.zeros(6000)
+    x[2000:2100] = 0.02
+    known = where_known(FreeModel(model, (part,)), x, scene)
+    assert known[:2000].all()
+    assert not known[2000:2110].any()
+    assert known[-1000:].all()
+    assert where_known(FreeModel(model), x, scene).all()
+
+
+def test_what_a_map_gains_is_held_against_what_it_could_over_the_same_rival(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    """Numbers that are far off in the fitted recordings' favour promise much of those that judge, where the
+    stated ones leave nothing to be gained: these speak, and do not say that a map should have shown."""
+    run = [
+        recorded(stage, r, 5 + k, force=lambda x, v: 0.0 * x) for k, r in enumerate(references[:2])
+    ]
+    scene, held, model = scenes(run)
+    bent = replace(model, corrections={"mass": 0.3})
+    residuals = held.residuals(model)
+    white = np.concatenate([scene.whiten(scene.residuals(model))])
+    alone = FreeForm(
+        FreeModel(model), scene, 0.0, white, held.judge(residuals), np.ones(held.samples, bool)
+    )
+    fitted, gained, likely = gains_of(scene, held, bent, model, alone)
+    assert fitted > 200.0
+    assert gained == 0.0
+    assert likely < 10.0
+    assert _hardly_shown(fitted, gained, likely)
+    assert not _hardly_shown(fitted, -11.0, likely)
+    assert not _hardly_shown(fitted, gained, 0.1 * fitted + 20.0)
+
+
+def test_of_maps_that_do_as_much_one_beside_which_the_machine_drives_itself_comes_last(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    bare = [
+        FreeForm(
+            FreeModel(replace(model, corrections={"damping": d})), scene, 0.0, *3 * [np.zeros(0)]
+        )
+        for d in (-2.4, -0.9, 0.0)
+    ]
+    assert [freeform._drives_itself(f) for f in bare] == [True, False, False]
