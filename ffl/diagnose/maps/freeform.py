@@ -44,8 +44,8 @@ RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less
 HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
 FAR = 2.5  # times what another map leaves: a map that leaves more is not nearly right
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
-CLOSE = 1.1  # times what another map leaves of held-out recordings: as much as it does
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
+CLOSE = 1.1  # times what another map leaves of held-out recordings: as much as it does
 
 
 @dataclass(frozen=True)

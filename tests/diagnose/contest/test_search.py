@@ -39,9 +39,8 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
     monkeypatch.setattr(search, "_worse", worse)
     monkeypatch.setattr(search, "_with_who_was_turned_down", lambda outcome, *_: outcome)
     outcome = search.contest(scene, held, model, THRESHOLD)
-    assert (
-        len(asked[0]) == 1
-    )  # asked in the form that it settled in, a near one of dry friction or its own
+    # Asked in the form that it settled in: its own, or a near one of dry friction.
+    assert len(asked[0]) == 1
     assert outcome.steps[0].accepted is None  # the first that came in, turned down
     (first,) = outcome.steps[0].turned_down.model.names
     assert outcome.steps[1].accepted.model.names[-1] != first

@@ -264,11 +264,9 @@ def test_what_a_map_gains_is_held_against_what_it_could_over_the_same_rival(
     ]
     scene, held, model = scenes(run)
     bent = replace(model, corrections={"mass": 0.3})
-    residuals = held.residuals(model)
-    white = np.concatenate([scene.whiten(scene.residuals(model))])
-    alone = FreeForm(
-        FreeModel(model), scene, 0.0, white, held.judge(residuals), np.ones(held.samples, bool)
-    )
+    white, held_white = (ground.whiten(ground.residuals(model)) for ground in (scene, held))
+    everything = np.ones(held.samples, bool)
+    alone = FreeForm(FreeModel(model), scene, 0.0, white, held_white, everything)
     fitted, gained, likely = gains_of(scene, held, bent, model, alone)
     assert fitted > 200.0
     assert gained == 0.0
