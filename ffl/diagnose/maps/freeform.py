@@ -29,7 +29,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import SENT, FreeModel, FreeScreen, Part, Running
 from ffl.diagnose.maps.freerank import WORTH, Entry, entries_of, least_worth, measured_view, ranked
 from ffl.diagnose.maps.freestep import ROUNDS, STILL, last_gain, stepped
-from ffl.diagnose.maps.known import where_known
+from ffl.diagnose.maps.known import HELD_WORTH, hardly_shown, where_known
 from ffl.diagnose.noise.colour import colouring
 from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.noise.unrest import without_unrest
@@ -41,7 +41,6 @@ TRIED = 6  # maps of the screen that are simulated
 FINISHED = 3  # of them, fitted to convergence
 SHARE = 0.004  # of the number of samples: log-likelihood that a further map must bring
 RECORDED = 2.0  # times the squares that a map of what was recorded leaves: less than were there
-HELD_WORTH = 10.0  # and in the held-out ones (nulls reach 1), if that much is to be expected
 FAR = 2.5  # times what another map leaves: a map that leaves more is not nearly right
 SIMPLER = 0.97  # share of the best score at which a map of fewer variables is preferred, if it
 NO_WORSE = 1.25  # leaves no more than this of what the best one leaves
@@ -379,9 +378,8 @@ def _promise(before: FreeForm, after: FreeForm) -> float:
 
 
 def _untold(before: FreeForm, after: FreeForm) -> bool:
-    """The held-out recordings hardly show the maps: in the mean they would bring next to nothing, or little
-    of what the fitted ones do (a magnet that the judging move passes by: 79 of 19,415)."""
-    return _promise(before, after) < max(HELD_WORTH, LOST * (after.evidence - before.evidence))
+    """The held-out recordings hardly show the maps."""
+    return hardly_shown(_promise(before, after), after.evidence - before.evidence)
 
 
 def _held(before: FreeForm, after: FreeForm) -> float:

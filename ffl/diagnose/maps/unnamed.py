@@ -17,7 +17,7 @@ from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
 from ffl.diagnose.maps.falling import falling_limits, law
 from ffl.diagnose.maps.formula import Formula, formula
-from ffl.diagnose.maps.freeform import FAR, HELD_WORTH, FreeForm, calmed, free_form, held_gain
+from ffl.diagnose.maps.freeform import FAR, FreeForm, calmed, free_form, held_gain
 from ffl.diagnose.maps.freemodel import (
     FreeScreen,
     Part,
@@ -32,6 +32,7 @@ from ffl.diagnose.maps.gains import (
     nearly,
     within_the_line,
 )
+from ffl.diagnose.maps.known import HELD_WORTH, hardly_shown
 from ffl.diagnose.maps.measured import measured
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import Imitation, imitated
@@ -146,7 +147,9 @@ def compare(
     if not named:
         # Over numbers of the linear model that have converged; recordings that hardly show what the
         # maps are cannot confirm it.
-        hardly = alone is not None and (alone.untold or _hardly_shown(*gains, likely))
+        # A magnet that the judging move passes by: over a damping 38 times the stated one it was to show.
+        unseen = gains[1] > -HELD_WORTH and hardly_shown(likely, gains[0])
+        hardly = alone is not None and (alone.untold or unseen)
         told = alone is not None and (gains[1] > MARGIN or (hardly and gains[0] > UNTOLD))
         told = told and gains[0] > MARGIN and in_own_noise(scene, standing, alone) > MARGIN
         if alone and told and not within_the_line(scene, alone):
@@ -197,13 +200,6 @@ def _ahead(gains: tuple[float, float]) -> bool:
     """What hardly shows where it is judged, and is not spoken against there, must be the clearer."""
     told = gains[1] > HELD_WORTH or (gains[0] > SURE and gains[1] > 0.0)
     return gains[0] > MARGIN and told
-
-
-def _hardly_shown(fitted: float, held_out: float, likely: float) -> bool:
-    """The held-out recordings do not speak against maps of which they could show little beside what the
-    fitted ones gain. (A magnet that the judging move passes by, over a damping 38 times the stated one
-    that stood for it where that move was not asked.)"""
-    return held_out > -HELD_WORTH and likely < max(HELD_WORTH, LOST * fitted)
 
 
 def _beside_numbers(standing: Model) -> int:

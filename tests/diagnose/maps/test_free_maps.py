@@ -17,9 +17,8 @@ from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost
 from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
 from ffl.diagnose.maps.gains import gains_of, within_the_line
-from ffl.diagnose.maps.known import where_known
+from ffl.diagnose.maps.known import hardly_shown, where_known
 from ffl.diagnose.maps.terms import TERMS
-from ffl.diagnose.maps.unnamed import _hardly_shown
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.events import events
 from ffl.diagnose.recorded.trials import prepare
@@ -271,9 +270,8 @@ def test_what_a_map_gains_is_held_against_what_it_could_over_the_same_rival(
     assert fitted > 200.0
     assert gained == 0.0
     assert likely < 10.0
-    assert _hardly_shown(fitted, gained, likely)
-    assert not _hardly_shown(fitted, -11.0, likely)
-    assert not _hardly_shown(fitted, gained, 0.1 * fitted + 20.0)
+    assert hardly_shown(likely, fitted)
+    assert not hardly_shown(0.1 * fitted + 20.0, fitted)
 
 
 def test_of_maps_that_do_as_much_one_beside_which_the_machine_drives_itself_comes_last(
