@@ -8,10 +8,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.fit import fit
-from ffl.diagnose.maps.dropouts import RATES, Search, _searched, dropouts, expected
+from ffl.diagnose.maps.dropouts import (
+    RATES,
+    Search,
+    _heard_through,
+    _searched,
+    dropouts,
+    expected,
+)
 from ffl.diagnose.maps.unnamed import _lost, _over_a_delay
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -110,6 +118,37 @@ def test_a_delay_that_stands_is_charged_for_what_it_brings(
     first, others = (brought * share for share in gains)
     assert _over_a_delay(lost, (first, others), (scene, held), standing) is over
     assert _over_a_delay(lost, (first, others), (scene, held), model)  # nothing to be charged for
+
+
+def test_noise_that_commands_foretell_is_none_lost(stage, references, scenes):  # type: ignore[no-untyped-def]
+    """In a loop the command answers a slow force, and foretells what that does next: under white noise it
+    looks as if commands were lost, as heard it does not."""
+    step = stage.sample_time
+    white, slow, corner = stage.machine.force_noise, 8e-3, 15.0
+    keeps = np.exp(-2.0 * np.pi * corner * step)
+    runs = []
+    for k, r in enumerate(references[:2]):
+        new = np.random.default_rng(50 + k).standard_normal(len(r))
+        shaken = lfilter([slow * np.sqrt(1.0 - keeps**2)], [1.0, -keeps], new)
+        runs.append(recorded(stage, r, np.zeros(len(r), bool), k, knock=shaken))
+    scene, held, model = scenes(runs)
+    heard = replace(
+        scene, noise=replace(scene.noise, force=white, force_coloured=slow, force_corner=corner)
+    )
+    least = _searched(scene, model, RATES)
+    assert least is not None and least.gain > 40.0
+    assert not _heard_through(heard, model)
+    assert dropouts(heard, held, model) is None
+
+
+@pytest.mark.parametrize(
+    ("gain", "other", "agrees"),
+    [(100.0, 70.0, False), (200.0, 140.0, True), (200.0, 160.0, False), (40.0, -10.0, False)],
+)
+def test_recordings_that_judge_agree_where_a_loop_rings(scenes, losing, gain, other, agrees):  # type: ignore[no-untyped-def]
+    scene, _, _ = scenes(losing)
+    search = Search(scene, 0.05, 100.0, gain, other, 150.0, 2000.0)
+    assert search.agrees is agrees
 
 
 def test_a_bus_that_loses_commands_is_unnamed(stage, losing):  # type: ignore[no-untyped-def]
