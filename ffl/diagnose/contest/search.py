@@ -45,6 +45,7 @@ from ffl.diagnose.contest.settle import (
     settle,
 )
 from ffl.diagnose.contest.shares import shares_off
+from ffl.diagnose.contest.teeth import other_teeth
 from ffl.diagnose.contest.timing import begun_late
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
 from ffl.diagnose.hypothesis.contact import with_other_contact
@@ -335,7 +336,7 @@ def _one_more(
     """(`base`, levelled; it with each of those `begun`, best first; the one that earns its place, if any
     does)."""
     rivals = each(lambda first: judge(quiet, held, first.model, 6, first), begun)
-    rivals += courses(quiet, held, base, rivals)
+    rivals += courses(quiet, held, base, rivals) + other_teeth(quiet, held, base, rivals)
     for rival in rivals:
         side = rival.model.effects[-1].options.get("side", "sensor")
         say(
