@@ -1,15 +1,17 @@
 """A sine of time at its other frequencies: recordings on one clock, some way apart, make a comb of them.
 
-Between recordings that begin `d` seconds after one another a sine of frequency f + k/d has the same phase in
-both as one of f, and differs within each alone. So the likelihood has a tooth every 1/d, and first order
+Between recordings that begin `d` seconds after one another a sine of frequency f + k/d has the same phase
+in both as one of f, and differs within each alone. So the likelihood has a tooth every 1/d, and first order
 takes the one whose middle is nearest to what it tried; recordings that judge, elsewhere on the clock, then
-speak against it. (1.1 N at 3.647 Hz, 19 s apart: 61 at 3.596 Hz and 69 lost held out, 75 and 37 at its own.)
+speak against it. (1.1 N at 3.647 Hz, 19 s apart: at 3.596 Hz 61 fitted and 69 lost held out, at its own
+67 and 94 gained.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from ffl.diagnose.contest.judging import Judged, judge
 from ffl.diagnose.contest.parallel import each
@@ -43,7 +45,7 @@ def other_teeth(
 def _beside(model: Model, scene: Scene) -> Iterator[Model]:
     *company, sine = model.effects
     starts = sorted(float(trial.t[0]) for trial in scene.trials)
-    apart = sorted({round(b - a, 6) for a, b in zip(starts, starts[1:], strict=False) if b > a})
+    apart = sorted({round(b - a, 6) for a, b in pairwise(starts) if b > a})
     frequency = float(sine.parameters["frequency"])
     for d in apart[:PAIRS]:
         for k in range(-TEETH, TEETH + 1):
