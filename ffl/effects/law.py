@@ -28,6 +28,7 @@ import ast
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from numba import cfunc, types
@@ -39,6 +40,7 @@ MEAN, SLOPE, COMMIT, FIRST = 10, 11, 12, 13
 SENT = 14
 IO_SIZE = 16
 
+_PARSING = Lock()  # CPython 3.11 counts the depth of all parsing threads in one place: SystemError
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(_POINTER, _POINTER, _POINTER)
 
@@ -92,9 +94,11 @@ def helpers_of(law: Callable[..., Any]) -> set[Path]:
 @functools.cache
 def _imported(source: Path) -> dict[str, Path]:
     """Names that the module `source` takes from others of ffl.effects, with the files they stand in."""
+    with _PARSING:
+        tree = ast.parse(source.read_text())
     return {
         alias.asname or alias.name: Path(__file__).with_name(f"{node.module.rpartition('.')[2]}.py")
-        for node in ast.parse(source.read_text()).body
+        for node in tree.body
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ffl.effects.")
         for alias in node.names
     }

@@ -16,7 +16,7 @@ nothing makes, says what mere scatter would give.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,6 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freeform import held_gain
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.least import least_noise
-from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
@@ -49,7 +48,8 @@ ALIKE, RINGING = 0.5, 0.75  # and where recordings judge what others show withou
 SELDOM = 0.1
 UNTOLD = 5.0  # times `WORTH`: the same where other recordings cannot confirm it
 # Times what the largest rate brings: no sample lost does more than its own force (a magnet 5, a creep 3).
-MOST = 2.0
+# Where a loop rings also of what its own rate promises, and no less than the least of that.
+MOST, LEAST = 2.0, 0.5
 # Of what its own rate promises: scatter reached 0.06 of it where recordings judge, what was lost at
 # least 0.24.
 KEPT = 0.12
@@ -83,9 +83,10 @@ class Search:
     def found(self) -> bool:
         return self.shows(WORTH)
 
-    def shows(self, worth: float) -> bool:
-        """Beyond those of the other sign by `worth`, and by what lost samples of this rate may bring."""
-        more = self.gain - max(self.other, 0.0) > worth and self.other < ALIKE * self.gain
+    def shows(self, worth: float, alike: float = ALIKE) -> bool:
+        """Beyond those of the other sign by `worth`, which reach less than `alike` of it, and by what lost
+        samples of this rate may bring."""
+        more = self.gain - max(self.other, 0.0) > worth and self.other < alike * self.gain
         return more and KEPT * self.promise < self.gain and self.possible
 
     @property
@@ -98,8 +99,8 @@ class Search:
     def agrees(self) -> bool:
         """As much as its own rate promises, and beyond the other sign, which is nearer to it where a loop
         rings (0.55 and 0.72 of it; in the recordings that were fitted less than nothing)."""
-        beyond = self.gain - self.other > max(WORTH, (1.0 - RINGING) * self.gain)
-        return beyond and 0.5 * self.promise < self.gain < MOST * self.promise and self.possible
+        as_much = LEAST * self.promise < self.gain < MOST * self.promise
+        return as_much and self.shows(WORTH, RINGING)
 
     @property
     def possible(self) -> bool:
@@ -142,36 +143,26 @@ def dropouts(scene: Scene, held: Scene | None, nominal: Model) -> Dropouts | Non
     trials = [*scene.trials, *(judging.trials if judging else ())]
     if scene.observed or not all(np.all(np.isfinite(t.u)) for t in trials):
         return None
-    told = _told(scene, judging, nominal, least_noise)
+    first = fit(scene, nominal, rounds=ROUNDS)
+    told = _told(scene, judging, first, least=True)
     if told is not None and _heard_through(scene, told.fit.model):
         return told
-    return _told(scene, judging, nominal, _as_heard)
+    return _told(scene, judging, first, least=False)
 
 
-def _as_heard(scene: Scene, model: Model, residuals: Sequence[Array]) -> Noise:
-    return scene.noise
-
-
-def _told(
-    scene: Scene,
-    judging: Scene | None,
-    nominal: Model,
-    noise_of: Callable[[Scene, Model, Sequence[Array]], Noise],
-) -> Dropouts | None:
-    """What did not arrive, under one noise."""
-    model, search = nominal, Search(scene, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def _told(scene: Scene, judging: Scene | None, first: Fit, least: bool) -> Dropouts | None:
+    """What did not arrive beside the `first` fit, under the least noise or under noise as heard."""
+    found, beside = first, scene
     for _ in range(PASSES):
-        found = fit(search.scene, model, rounds=ROUNDS)
-        model = found.model
-        residuals = search.scene.residuals(model)
+        residuals = beside.residuals(found.model)
         if residuals is None:
             return None
-        noise = noise_of(scene, model, residuals)
-        again = _searched(replace(scene, noise=noise), model, RATES)
-        if again is None or not again.found:
+        noise = least_noise(scene, found.model, residuals) if least else scene.noise
+        search = _searched(replace(scene, noise=noise), found.model, RATES)
+        if search is None or not search.found:
             return None
-        search = again
-    found = fit(search.scene, model, rounds=ROUNDS)
+        beside = search.scene
+        found = fit(beside, found.model, rounds=ROUNDS)
     own = replace(search.scene, trials=scene.trials)
     left = own.residuals(found.model)
     if left is None:
@@ -242,7 +233,9 @@ def _searched(scene: Scene, model: Model, rates: Sequence[float]) -> Search | No
         """(log-likelihood gained, rate, share of the mean square that is noise)."""
         tried = [p for p in FIRST if p[0] in rates] or [(rates[0], 0.9)]
         gain, rate, share = max((told(*p, sign), *p) for p in tried)
-        if gain < -WORTH and len(rates) > 1:
+        if (
+            gain < -WORTH and len(rates) > 1
+        ):  # of one rate it is told what it brings, however little
             return gain, rate, share
         for _ in range(TURNS):
             gain, share = max((told(rate, s, sign), s) for s in QUIETER)

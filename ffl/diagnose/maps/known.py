@@ -9,9 +9,8 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.maps.freemodel import FreeModel
 from ffl.systems.state_space import Array
 
-HELD_WORTH = (
-    10.0  # log-likelihood that held-out recordings must bring (nulls reach 1), if so much is due
-)
+# Log-likelihood that held-out recordings must bring (nulls reach 1), if so much is due.
+HELD_WORTH = 10.0
 
 
 def hardly_shown(promise: float, fitted: float) -> bool:
