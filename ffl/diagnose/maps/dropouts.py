@@ -39,7 +39,8 @@ QUIETER = (1.0, 0.9, 0.8, 0.65, 0.5, 0.35)
 FIRST = ((0.02, 0.8), (0.1, 0.9), (0.3, 0.9))  # of both, tried before all others
 TURNS = 2  # of the search for both, one after the other
 WORTH = 40.0  # log-likelihood that lost samples must bring beyond those of the other sign
-HINT = 8.0  # the same where little is to be expected: of recordings that judge, of noise as heard
+# The same where little is to be expected: of recordings that judge, and of noise as heard.
+HINT = 8.0
 # Of it that the other sign may reach: where commands change sign from sample to sample they are
 # another sample's and reach 0.28 of it.
 ALIKE, RINGING = 0.5, 0.75  # and where recordings judge what others show without it
@@ -186,9 +187,9 @@ def _told(scene: Scene, judging: Scene | None, first: Fit, least: bool) -> Dropo
 
 def _heard_through(scene: Scene, model: Model) -> bool:
     """Whether they bring `HINT` under the noise as it was heard, in all its colour, what was lost in it:
-    least noise is white, and in a loop the command foretells what other noise does next. (Two machines with
-    nothing missing, whose force noise had its corner at 15 and 27 Hz: 344 and 87 under least noise, -403 and
-    0.1 as heard; commands that were lost 35 to 670.)"""
+    least noise is white, and in a loop the command foretells what other noise does next. (Two machines
+    with nothing missing, whose force noise had its corner at 15 and 27 Hz: 344 and 87 under least noise,
+    -403 and 0.1 as heard; commands that were lost 36 to 727.)"""
     heard = _searched(scene, model, RATES)
     return heard is not None and heard.gain > HINT
 
