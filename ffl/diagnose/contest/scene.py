@@ -40,6 +40,8 @@ class Runs(Protocol):
     def theta(self) -> Array: ...
     @property
     def coordinates(self) -> Sequence[Coordinate]: ...
+    @property
+    def substeps(self) -> int: ...
     def at(self, theta: Array) -> Runs: ...
     def output(self, trial: Trial) -> Array | None: ...
 
@@ -101,7 +103,7 @@ class Scene:
         """y - yhat of each recording, with nothing of what its sensor lost; None where the simulation
         leaves all bounds."""
         out = []
-        self.work.add()
+        self.work.add(self.samples * model.substeps)
         for trial in self.trials:
             y = model.output(trial)
             if y is None:

@@ -7,6 +7,8 @@ from threading import Lock
 
 # Runs of all recordings, fitted or judging, from which no further round begins (usual: 1,000 to 15,000).
 MOST = 20_000
+# The same in sub-steps of all samples, about as many as a core takes in five minutes (usual: 2 to 50 million).
+MOST_STEPS = 400_000_000
 
 
 @dataclass(eq=False)
@@ -14,13 +16,16 @@ class Work:
     """Runs that scenes sharing it have made, whoever made them in whatever order."""
 
     runs: int = 0
+    steps: int = 0
     _lock: Lock = field(default_factory=Lock, repr=False)
 
-    def add(self) -> None:
+    def add(self, steps: int) -> None:
+        """One run of `steps` sub-steps."""
         with self._lock:
             self.runs += 1
+            self.steps += steps
 
     @property
     def done(self) -> bool:
         """Asked between rounds, when all that was begun has ended: the same for any number of workers."""
-        return self.runs >= MOST
+        return self.runs >= MOST or self.steps >= MOST_STEPS

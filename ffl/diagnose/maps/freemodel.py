@@ -129,6 +129,10 @@ class FreeModel:
         """Other numbers beside the same maps."""
         return FreeModel(self.model.at(theta), self.parts)
 
+    @property
+    def substeps(self) -> int:
+        return self.model.substeps
+
     def output(self, trial: Trial) -> Array | None:
         """y of the run, None where there is no such machine or it leaves all bounds."""
         try:

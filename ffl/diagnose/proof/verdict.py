@@ -29,6 +29,7 @@ STRUCTURED = 1.5
 # Times what noise alone leaves of held-out free runs, from which they say that structure remains, however
 # white it is: a sensor with a bent scale explained as a gain by position left 3.9 times that.
 BEYOND = 2.5
+DIGITS = 1e-9  # of y's range: what is left below that is rounding
 OF_A_STATE = 3.0  # times the mean power: bursts so loud in a state belong to it (knocks: 1.2)
 
 
@@ -62,6 +63,15 @@ def verdict(
     if excess > LOUD:
         return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
     return "nothing_missing", where.Place("", "", ())
+
+
+def refuted(contest: Contest) -> tuple[str, where.Place]:
+    """Verdict and place where what was named does not hold on the held-out recordings: the map's beside it
+    where one won. (A stop at the end of the travel wore a hardening spring's name.)"""
+    if contest.winner is not None:
+        return "unnamed", _nameless(contest)
+    said = "what was fitted does not hold on the held-out recordings"
+    return "inconclusive", where.Place("", said, ())
 
 
 def in_their_state(place: where.Place, contest: Contest, found: Sequence[State]) -> where.Place:
@@ -165,3 +175,13 @@ def loudness(plant: Plant, standing: Judged, sensor_alone: bool = False) -> floa
     stated = Noise(sensor, 0.0, sensor, 30.0, force, 5.0).density(paths)
     left = standing.scene.noise.density(paths)
     return float(np.sqrt(np.mean(left) / np.mean(stated)))
+
+
+def rounding(standing: Judged) -> bool:
+    """What is left of recordings without noise is that of the arithmetic, and of the digits in a file."""
+    trials = standing.scene.trials
+    left = standing.scene.residuals(standing.model)
+    return left is not None and all(
+        float(np.std(e)) < DIGITS * float(np.ptp(trial.y))
+        for e, trial in zip(left, trials, strict=True)
+    )

@@ -12,7 +12,7 @@ from ffl.diagnose.contest import hearing, search
 from ffl.diagnose.contest import settle as settling
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome, Step
-from ffl.diagnose.contest.work import MOST, Work
+from ffl.diagnose.contest.work import MOST, MOST_STEPS, Work
 from ffl.diagnose.hypothesis.places import mass_is_corrected
 from ffl.diagnose.noise import unrest
 from ffl.diagnose.recorded.trials import Trial
@@ -133,21 +133,22 @@ def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, m
 
 
 @pytest.mark.parametrize(
-    ("gained", "alone", "left", "noise", "runs", "followed", "stands"),
+    ("gained", "alone", "left", "noise", "tried", "followed", "stands"),
     [
-        (500.0, 110.0, 30.0, 1.0, 0, True, True),
-        (500.0, 110.0, 80.0, 1.0, 0, True, False),  # not half of what was left
-        (100.0, 110.0, 30.0, 1.0, 0, False, False),  # the fitted recordings gained little by it
-        (500.0, 110.0, 30.0, 60.0, 0, False, False),  # what is left may be noise
-        (500.0, 55.0, 30.0, 60.0, 0, True, True),  # and of that noise it takes half
-        (500.0, 110.0, 30.0, 1.0, MOST, False, False),  # enough was tried
+        (500.0, 110.0, 30.0, 1.0, (), True, True),
+        (500.0, 110.0, 80.0, 1.0, (), True, False),  # not half of what was left
+        (100.0, 110.0, 30.0, 1.0, (), False, False),  # the fitted recordings gained little by it
+        (500.0, 110.0, 30.0, 60.0, (), False, False),  # what is left may be noise
+        (500.0, 55.0, 30.0, 60.0, (), True, True),  # and of that noise it takes half
+        (500.0, 110.0, 30.0, 1.0, (MOST,), False, False),  # enough was tried
+        (500.0, 110.0, 30.0, 1.0, (9, MOST_STEPS), False, False),  # so few, and so long
     ],
 )
 def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
-    gained, alone, left, noise, runs, followed, stands, monkeypatch
+    gained, alone, left, noise, tried, followed, stands, monkeypatch
 ):
     def standing(name, fitted=0.0):  # type: ignore[no-untyped-def]
-        scene = SimpleNamespace(work=Work(runs))
+        scene = SimpleNamespace(work=Work(*tried))
         return SimpleNamespace(name=name, model=name, fitted=fitted, scene=scene, held=None)
 
     nothing, first, friction = standing("nothing"), standing("load"), standing("friction", gained)
