@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
 import scipy.stats
 from numpy.random import Generator
 
@@ -32,6 +31,7 @@ from ffl.diagnose.proof.verdict import (
     LOUD,
     LOUDER,
     in_their_state,
+    is_unlike,
     loudness,
     refuted,
     rounding,
@@ -60,9 +60,6 @@ MOST = (
 )
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 PARTED = 3.0  # times the nrmse of the model alone
-# nrmse of the best model above which it is another machine, and a map's share of a larger one: free runs of
-# a printer whose guide warms up are 195 % off, and 62 % with the map.
-UNLIKE = 0.5
 
 
 def conclude(
@@ -130,8 +127,7 @@ def conclude(
     if said == "partly_explained":
         beyond = unvisited(standing.model.names, quiet.trials, held.trials, model.output_unit)
         notes += [beyond] if beyond else []
-    mapped = (proof.nrmse_with_map or np.inf) / max(1.0, proof.nrmse_after)
-    another = trusted and proof.nrmse_after > UNLIKE and mapped > UNLIKE
+    another = trusted and is_unlike(proof.nrmse_after, proof.nrmse_with_map)
     another = another and not 0.0 < left_over <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
     worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
