@@ -295,6 +295,10 @@ class Effect:
         """Values of the non-linear parameters to try, from the data; [{}] where there are none."""
         return [{}]
 
+    def scaled(self, values: Parameters, name: str, factors: Array) -> Array:
+        """Rungs of the parameter `name` of its `ladder`."""
+        return values[name] * factors
+
     def rung(self, values: Parameters, name: str, value: float) -> dict[str, Any]:
         """`values` with another `value` of the parameter `name` of its `ladder`: a start like this one."""
         return {**values, name: value}

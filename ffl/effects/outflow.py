@@ -9,6 +9,7 @@ from ffl.effects.cascade import BETWEEN, OUT, lags
 from ffl.effects.law import X0
 from ffl.effects.solve import bulge_of, end_motion, set_curve
 from ffl.systems.plant import Plant
+from ffl.systems.state_space import Array
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
@@ -53,6 +54,7 @@ class Outflow(Effect):
     depends_on = ("position",)
     siblings = ("overflow", "spill", "sensor_bend", "linear_stiffness", "position_dependent_gain")
     fixed_amount = True
+    ladder = ("empty", np.geomspace(0.4, 2.5, 7))  # of the way down from the centre
     needs_mass = False
     law = staticmethod(_law)
 
@@ -82,6 +84,9 @@ class Outflow(Effect):
             for empty in below
             if empty < centre
         ]
+
+    def scaled(self, values: Parameters, name: str, factors: Array) -> Array:
+        return values["centre"] - (values["centre"] - values["empty"]) * factors
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
         return dict(nonlinear)

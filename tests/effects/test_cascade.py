@@ -175,3 +175,14 @@ def test_the_operating_point_of_a_linear_model_is_tried_as_the_centre():
     tried = EFFECTS["outflow"].grid(motion)
     assert {start["centre"] for start in tried} == {0.0, motion.middle}
     assert all(start["empty"] < start["centre"] for start in tried)
+
+
+def test_the_ladder_of_an_outlet_goes_down_from_the_centre():
+    """Whatever the sign of the level that a regressor proposes, far below all that was seen."""
+    effect, values = EFFECTS["outflow"], {"empty": -2.6, "centre": 4.8}
+    name, factors = effect.ladder
+    rungs = effect.scaled(values, name, factors)
+    assert rungs.max() > 1.0
+    assert any(rung == pytest.approx(-2.6) for rung in rungs)
+    for rung in rungs:
+        effect.check(EffectSpec("outflow", effect.rung(values, name, float(rung))))

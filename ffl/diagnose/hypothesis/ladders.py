@@ -95,7 +95,8 @@ def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
     if ladder and ladder[0] in spec.parameters:
         name, factors = ladder
         bounds = EFFECTS[spec.name].parameter(name)
-        rungs = np.append(spec.parameters[name] * factors, _measured_levels(scene, spec.name))
+        scaled = EFFECTS[spec.name].scaled(spec.parameters, name, factors)
+        rungs = np.append(scaled, _measured_levels(scene, spec.name))
         rungs = np.clip(rungs, bounds.lower, bounds.upper)
         values += [EFFECTS[spec.name].rung(spec.parameters, name, float(value)) for value in rungs]
     return [
