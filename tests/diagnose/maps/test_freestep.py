@@ -1,0 +1,70 @@
+"""Shares of a step of maps in the closed loop: smaller ones only where none of the larger helps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.maps import freestep
+from ffl.diagnose.maps.freemodel import FreeModel, Part
+from ffl.diagnose.maps.terms import TERMS
+
+VELOCITY = next(term for term in TERMS if term.name == "velocity")
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What a step asks of a model."""
+
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(1))
+
+    def at(self, theta: np.ndarray) -> Numbers:
+        return Numbers(theta)
+
+
+def model(theta: float, coefficient: float) -> FreeModel:
+    span = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 1.0)}
+    part = Part(VELOCITY, Place("force", "motor"), np.full(41, coefficient), span)
+    return FreeModel(Numbers(np.array([theta])), (part,))
+
+
+def taken(best: float, monkeypatch) -> tuple[float, float]:
+    """Numbers and map of the way that is gone where a share `best` of the map's step costs least."""
+
+    def run_of(scene, free):  # type: ignore[no-untyped-def]
+        return SimpleNamespace(cost=abs(free.parts[0].coefficients[0] / best - 1.0))
+
+    monkeypatch.setattr(freestep, "run_of", run_of)
+    found = freestep._first_below(None, freestep._ways(model(0.0, 0.0), model(1.0, 1.0)), 1.0)
+    assert found is not None
+    return float(found[0].model.theta[0]), float(found[0].parts[0].coefficients[0])
+
+
+@pytest.mark.parametrize(
+    ("best", "share"), [(1.0, 1.0), (0.3, 0.5), (0.2, 0.25), (0.06, 0.1), (0.021, 0.04)]
+)
+def test_the_largest_share_that_helps_is_gone(best, share, monkeypatch):
+    assert taken(best, monkeypatch) == (share, share)
+
+
+def test_no_way_is_gone_where_none_helps(monkeypatch):
+    monkeypatch.setattr(freestep, "run_of", lambda scene, free: SimpleNamespace(cost=1.0))
+    assert freestep._first_below(None, freestep._ways(model(0, 0), model(1, 1)), 1.0) is None
+
+
+def test_numbers_that_lead_away_are_left_before_a_step_is_made_small(monkeypatch):
+    """With its numbers no share of the step helps, the maps alone do."""
+
+    def run_of(scene, free):  # type: ignore[no-untyped-def]
+        away = 10.0 * float(free.model.theta[0])
+        return SimpleNamespace(cost=0.5 + away)
+
+    monkeypatch.setattr(freestep, "run_of", run_of)
+    found = freestep._first_below(None, freestep._ways(model(0.0, 0.0), model(1.0, 1.0)), 0.6)
+    assert found is not None
+    assert float(found[0].model.theta[0]) == 0.0
+    assert float(found[0].parts[0].coefficients[0]) == 1.0
