@@ -11,9 +11,11 @@ import pytest
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps import freestep
 from ffl.diagnose.maps.freemodel import FreeModel, Part
-from ffl.diagnose.maps.terms import TERMS
+from ffl.diagnose.maps.terms import TERMS, Term
 
-VELOCITY = next(term for term in TERMS if term.name == "velocity")
+VELOCITY, POSITION = (
+    next(term for term in TERMS if term.name == name) for name in ("velocity", "position")
+)
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,10 @@ class Numbers:
         return Numbers(theta)
 
 
-def model(theta: float, coefficient: float) -> FreeModel:
+def model(theta: float, coefficient: float, term: Term = VELOCITY) -> FreeModel:
     span = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 1.0)}
-    part = Part(VELOCITY, Place("force", "motor"), np.full(41, coefficient), span)
+    size = len(term.knots(span))
+    part = Part(term, Place("force", "motor"), np.full(size, coefficient), span)
     return FreeModel(Numbers(np.array([theta])), (part,))
 
 
@@ -54,6 +57,11 @@ def test_the_largest_share_that_helps_is_gone(best, share, monkeypatch):
 def test_no_way_is_gone_where_none_helps(monkeypatch):
     monkeypatch.setattr(freestep, "run_of", lambda scene, free: SimpleNamespace(cost=1.0))
     assert freestep._first_below(None, freestep._ways(model(0, 0), model(1, 1)), 1.0) is None
+
+
+def test_what_does_not_damp_has_the_large_shares_alone():
+    ways = freestep._ways(model(0.0, 0.0, POSITION), model(1.0, 1.0, POSITION))
+    assert {float(way.parts[0].coefficients[0]) for way in ways} == {*freestep.SHARES}
 
 
 def test_numbers_that_lead_away_are_left_before_a_step_is_made_small(monkeypatch):
