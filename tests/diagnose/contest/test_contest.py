@@ -107,7 +107,7 @@ def test_what_maps_leave_must_come_in_bursts_plain_to_see(stage, references, sce
         for at in (400, 1300, 2200):
             knock[at : at + 40] = size
         residual = left + stage.loop.process_sensitivity.filter(knock)
-        free = SimpleNamespace(output=lambda t: t.y - residual)
+        free = SimpleNamespace(output=lambda t: t.y - residual, substeps=1)
         return _after(SimpleNamespace(scene=scene, free=free))
 
     assert not after(0.0).found
