@@ -29,13 +29,9 @@ MORE = 12  # as long as each takes off
 STILL = 0.02  # of the sum of squares: a map that does nearly all starts far from where it ends
 BENDING = 3  # first rounds of a map of the velocity, which damps the motion that it is read from:
 COARSE = 0.2  # least length in them, fine detail would be that of the wrong motion
-SHARES = (
-    1.0,
-    0.5,
-    0.25,
-)  # of a step that are tried, and where none of them helps a map of the velocity:
-# what damps as much as a brake at its peak is far from linear in the motion that it makes. (One was refused
-# at all of these, and from a tenth of a step on took 125,000 to 4,700, of 4,732 samples.)
+SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
+# Where none of them helps a map of the velocity: what damps as much as a brake at its peak is far from
+# linear in the motion that it makes. (One went from a tenth on, 125,000 to 4,700 of 4,732 samples.)
 SMALLER = (0.1, 0.04)
 SMALL = 0.1  # sum of squares that ends the rounds
 
