@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
+from ffl.diagnose.contest.chance import without_chance
 from ffl.diagnose.contest.judging import judge, raw_error
 from ffl.diagnose.contest.line import across_the_line, against_the_refused
 from ffl.diagnose.contest.plainest import plainest
@@ -266,7 +267,7 @@ def _named(
         standing, outcome = against_the_refused(held, standing, outcome)
         standing, outcome = late_otherwise(held, standing, outcome, before)
         standing, outcome = plainest(held, standing, outcome)
-        standing = without_faint(held, standing)
+        standing = without_chance(held, without_faint(held, standing))
     standing = with_modes_heard(held, standing)
     if not standing.predicted:
         standing = restrained(held, standing)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
-from ffl.diagnose.noise.spread import error_of
 from ffl.diagnose.proof.verdict import BENT
 from ffl.effects import EFFECTS
 from ffl.effects.periods import AGAIN
@@ -16,37 +13,20 @@ PARTS_OF_THE_MASS = frozenset(
     {"mass_change", "flexible_mode"}
 )  # each moves with the model's own mass
 
-CHANCE = 0.01  # that the loudest of all frequencies of noise is as many of its errors large
-
 
 def named(standing: Judged, plant: Plant, whole: bool) -> tuple[list[int], list[str]]:
     """(places of the effects that are said, names of those that are not for want of a size); `whole`: what
-    stands explains all there is. A sine that noise may have as well is said nowhere. Where something
-    else is missing too, an effect that is less sure than large, in all of its amounts, stands in for it,
-    and so does a sine of which no recording holds enough to see it repeat, and a change of mass that no
-    machine's model is off by. (A weight picked up half way was a sine of 0.18 Hz in 6 s; a fan beside
-    friction was 38 % less mass.)"""
+    stands explains all there is. Else something else is missing too, and an effect that is less
+    sure than large, in all of its amounts, stands in for it, and so does a sine of which no recording
+    holds enough to see it repeat, and a change of mass that no machine's model is off by. (A weight picked
+    up half way was a sine of 0.18 Hz in 6 s; a fan beside friction was 38 % less mass.)"""
     effects = standing.model.effects
-    said = [i for i, e in enumerate(effects) if not (slight(e, plant) or by_chance(standing, i))]
+    said = [i for i, spec in enumerate(effects) if not slight(spec, plant)]
     if whole:
         return said, []
     stands_in = (_sizeless, _passes_once, _of_no_such_mass)
     sized = [i for i in said if not any(test(standing, i) for test in stands_in)]
     return sized, [effects[i].name for i in said if i not in sized]
-
-
-def by_chance(standing: Judged, index: int) -> bool:
-    """Of a sine of time: whether its amplitude is as few standard errors large, by what is left as it is,
-    as that of the loudest of n/2 frequencies of noise is by `CHANCE`, t^2 = 2 log(n/2 / CHANCE). (Under
-    noise taken for white that has a resonance of 45 Hz: a sine of 44.9 Hz, 102 of log-likelihood and
-    3.9 errors of its own, for the 5.4 wanted; real ones had 6.4 to 1,355.)"""
-    spec = standing.model.effects[index]
-    if spec.name != "periodic_disturbance":
-        return False
-    error = error_of(standing, index, "amplitude")
-    samples = sum(len(trial) for trial in standing.scene.trials)
-    least = math.sqrt(2.0 * math.log(0.5 * samples / CHANCE))
-    return error is not None and abs(float(spec.parameters["amplitude"])) < least * error
 
 
 def _sizeless(standing: Judged, index: int) -> bool:
