@@ -45,7 +45,7 @@ class Story:
     calibrated model as machine (noise, encoder and command limit included) gives for the same
     number of trials; `second` the error with the last parameters on a reference never learned,
     `second_promised` the same on the model, `linear_second` with those of the stall. `again` and
-    `promised_again` (COURSES, SETTLED): the last trials of courses from the plan on, each with its own
+    `promised_again` (courses, SETTLED): the last trials of courses from the plan on, each with its own
     noise, on the machine and on the model.
     """
 
@@ -126,10 +126,12 @@ def story(
     found: Found | None = None,
     before: int = 8,
     after: int = 9,
+    courses: int = COURSES,
 ) -> Story:
     """Linear learning with the campaign's first run for `before` trials, then `after` more with what
     `found` makes of the recordings (model, fitted, held out: an augmented plant); None: names and
-    places are given and the numbers a fifth off, the bound of what a diagnosis can bring."""
+    places are given and the numbers a fifth off, the bound of what a diagnosis can bring. Learning on
+    from the plan is run `courses` times more, on the machine and on the augmented model."""
     run, model = campaign.runs[0], campaign.model
     machine = SimulatedMachine(replace(campaign.machine, effects=effects))
     task = LearningTask(model, machine, run.basis, campaign.reference, run.weights)
@@ -162,8 +164,8 @@ def story(
         tuple(norm for _, norm in promised),
         float(np.linalg.norm(second - machine.run(second, carried, _rng(noise, 1)).y)),
         float(np.linalg.norm(second - imagined.run(second, carried, _rng(noise, 2)).y)),
-        _again(learned, machine, after, noise, 2**18),
-        _again(learned, imagined, after, noise, 2**19),
+        _again(learned, machine, after, courses, noise, 2**18),
+        _again(learned, imagined, after, courses, noise, 2**19),
     )
 
 
@@ -284,11 +286,16 @@ def _trials(
 
 
 def _again(
-    learned: _Learned, machine: SimulatedMachine, count: int, noise: SeedSequence, key: int
+    learned: _Learned,
+    machine: SimulatedMachine,
+    count: int,
+    courses: int,
+    noise: SeedSequence,
+    key: int,
 ) -> Array:
-    """Error norms (COURSES, SETTLED) of the last of `count` trials from the plan on."""
-    courses = [
+    """Error norms (courses, SETTLED) of the last of `count` trials from the plan on."""
+    runs = [
         _trials(learned.update, learned.first, machine, count, noise, key + count * k)
-        for k in range(COURSES)
+        for k in range(courses)
     ]
-    return np.array([[norm for _, norm in course[-SETTLED:]] for course in courses])
+    return np.array([[norm for _, norm in run[-SETTLED:]] for run in runs])

@@ -18,7 +18,7 @@ CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "printer_with_missing_physi
 @pytest.fixture(scope="module")
 def told():
     campaign = load_campaign(CAMPAIGN)
-    return story(campaign, draw_effects(2, 180.0, 0.3), 2, before=8, after=4)
+    return story(campaign, draw_effects(2, 180.0, 0.3), 2, before=8, after=4, courses=3)
 
 
 def test_sizes_are_drawn_from_the_ranges_of_real_printers():
@@ -61,7 +61,7 @@ def test_a_wrong_diagnosis_brings_less():
         assert len(fitted) == len(held_out) == 1
         return replace(model, effects=missing)
 
-    told = story(campaign, draw_effects(2, 180.0, 0.3), 2, wrong, before=6, after=3)
+    told = story(campaign, draw_effects(2, 180.0, 0.3), 2, wrong, before=6, after=3, courses=1)
     assert told.found == missing
     assert told.drop < 0.6
 
@@ -69,7 +69,7 @@ def test_a_wrong_diagnosis_brings_less():
 @pytest.mark.slow
 def test_friction_cable_and_cogging_are_named_from_the_scans():
     effects = draw_effects(0, 180.0, 0.3)
-    told = story(load_campaign(CAMPAIGN), effects, 0, diagnosed, before=8, after=3)
+    told = story(load_campaign(CAMPAIGN), effects, 0, diagnosed, before=8, after=3, courses=1)
     assert exactly_named(told)
     drawn = {e.name: e.parameters for e in effects}
     for effect in told.found:
