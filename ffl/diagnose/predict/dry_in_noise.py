@@ -26,7 +26,7 @@ from ffl.diagnose.hypothesis.amounts import claims, sizes
 from ffl.diagnose.hypothesis.model import STIFF, Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
 from ffl.diagnose.noise.noise import Noise, partly_coloured
-from ffl.diagnose.predict.company import separable
+from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.foretold import FIRST, best_of, of_others, refitted
 from ffl.diagnose.predict.play import GLANCE, LOOK, shortened
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
@@ -93,6 +93,8 @@ def with_dry_friction(
         found = found if _alike(found[0], sure[0]) else sure
     best, before, rivals = found
     name = best.model.names[-1]
+    if name in PLIABLE and name in before.model.names:
+        return outcome  # free runs have made more of it than the filter can
     stood = next((n for n in before.model.names if n in DRY | PASSES), "nothing")
     kept = {k: v for k, v in outcome.contenders.items() if k in best.model.names}
     others = [(one.model.names[-1], one) for one in rivals]
@@ -203,10 +205,15 @@ def _company(model: Model) -> tuple[EffectSpec, ...] | None:
     friction = names & DRY or names & PASSES
     if model.effects and len(friction) != 1:
         return None
-    if friction & (PLIABLE | DRY - set(FORMS)):  # free runs made more of it than the filter can
+    if friction & (DRY - set(FORMS)):  # free runs made more of it than the filter can
         return None
     beside = tuple(spec for spec in model.effects if spec.name not in friction)
-    return beside if all(spec.name in LINEAR or separable(spec) for spec in beside) else None
+    return beside if all(map(_known, beside)) else None
+
+
+def _known(spec: EffectSpec) -> bool:
+    """Whether the filter knows the effect."""
+    return spec.name in LINEAR or separable(spec) or along(spec)
 
 
 def _still(model: Model, prior: Noise) -> bool:
