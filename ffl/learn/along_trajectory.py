@@ -240,8 +240,8 @@ class AlongTrajectory:
         return problem, problem.update(here.theta, here.error, here.command, trial.before)
 
     def _tangents(self, f: Array) -> tuple[Tangent, Tangent] | None:
-        """How y and u of the model answer about its trajectory under `f`, None without any command. The last
-        is kept: a trial begins where the update before it ended."""
+        """How y and u of the model answer about its trajectory under `f`, None without any command. The
+        last is kept: a trial begins where the update before it ended."""
         if self._last is not None and self._last[0] == f.tobytes():
             return self._last[1:]
         y, u = self._run(f)
