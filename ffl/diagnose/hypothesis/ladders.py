@@ -176,8 +176,8 @@ def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
 def _plays(scene: Scene, like: Fit, barred: Collection[str]) -> list[Candidate]:
     """A backlash from where it leaves least of all its forms and gaps, unless it is `barred` or takes
     nothing off. First order knows the play of what is measured alone: of a part that knocks behind it,
-    which comes to nothing where it is small, it says nothing. (A gap of 0.12 mm, half of all that was left, took
-    5 off to first order, and 650 with 30 % of the mass behind it.)"""
+    which comes to nothing where it is small, it says nothing. (A gap of 0.12 mm, half of all that was
+    left, took 5 off to first order, and 650 with 30 % of the mass behind it.)"""
     if PLAY in barred:
         return []
     travelled = max(float(np.ptp(trial.y)) for trial in scene.trials)
