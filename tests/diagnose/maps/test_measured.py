@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose, diagnosis
+from ffl.diagnose.contest import work
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
@@ -85,6 +86,7 @@ def test_the_answer_says_that_free_runs_part(spring, monkeypatch):  # type: igno
     alone = lambda scene, held, model, **_: [bare(scene, held, model)]  # noqa: E731
     monkeypatch.setattr(unnamed, "free_form", alone)  # no map is followed,
     monkeypatch.setattr(diagnosis, "THRESHOLD", np.inf)  # no name earns its place,
+    monkeypatch.setattr(work, "MOST", 0)  # nor is one looked for,
     monkeypatch.setattr(unnamed, "measured", lambda *_: led)  # and this is what is seen
     found = diagnose(spring, runs[:1], runs[1:])
     assert found.verdict == "unnamed"
