@@ -10,7 +10,7 @@ likelihood is that of whitening; the friction must be the likelier by either mea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -86,6 +86,8 @@ def with_dry_friction(
     found = _clear(scene, held, standing, (told, begun), noises)
     if found is None:
         return outcome
+    if PLIABLE & {found[0].model.names[-1]} & set(standing.model.names):
+        return outcome  # free runs have made more of it than the filter can
     if _louder(found[0].scene.noise, prior) > TRUSTED:  # then under the stated noise as well
         sure = _clear(scene, held, standing, (told, begun), noises[:2], alike=found[0])
         if sure is None or _louder(sure[0].scene.noise, prior) > TRUSTED:
@@ -93,8 +95,6 @@ def with_dry_friction(
         found = found if _alike(found[0], sure[0]) else sure
     best, before, rivals = found
     name = best.model.names[-1]
-    if name in PLIABLE and name in before.model.names:
-        return outcome  # free runs have made more of it than the filter can
     stood = next((n for n in before.model.names if n in DRY | PASSES), "nothing")
     kept = {k: v for k, v in outcome.contenders.items() if k in best.model.names}
     others = [(one.model.names[-1], one) for one in rivals]
@@ -114,7 +114,8 @@ def _clear(
     """The best form under that of the `noises` which suits it, `standing` by free runs beside it, and all
     forms; None where it is not clearly the likelier: than no friction and than free runs, or, where it is
     `alike`, which was, than no friction."""
-    plain, rivals = _forms(scene, held, begun, noises, crosses(scene, standing))
+    tables = [spec.parameters for spec in standing.model.effects if spec.name in PLIABLE]
+    plain, rivals = _forms(scene, held, begun, noises, crosses(scene, standing), tables)
     best = _best(rivals, plain)
     if best is not None and crosses(scene, best):
         free = _by_free_runs(standing, best, scene, held, begun[0])
@@ -255,12 +256,18 @@ def _rms(parts: Sequence[Array]) -> float:
 
 
 def _forms(
-    scene: Scene, held: Scene, begun: Sequence[Model], noises: Sequence[Noise], damped: bool
+    scene: Scene,
+    held: Scene,
+    begun: Sequence[Model],
+    noises: Sequence[Noise],
+    damped: bool,
+    tables: Sequence[Mapping[str, Any]] = (),
 ) -> tuple[Judged | None, list[Judged]]:
     """The best without friction, from where the corrections stand and from nominal, and forms of friction
     where plain friction foretells best, under that of the `noises` that suits it; nothing where that
     says no more than none does, unless a damper stands that may be a friction (`damped`: a contact that
-    yields for long says less as plain friction than as a damper)."""
+    yields for long says less as plain friction than as a damper). A table begins flat, and as `tables` have
+    it."""
     trials, told = scene.trials, begun[0]
     short, glimpse, base = shortened(scene, LOOK), shortened(scene, GLANCE), told.base
     force = _rms([t.u for t in trials]) * base.simulator.force_per_input
@@ -298,7 +305,7 @@ def _forms(
             {"level": level, "stiffness": level / (x * base.travel), "micro_damping": 0.0}
             for x in YIELDS
         ],
-        "position_dependent_friction": [{"level": level, "table": table}],
+        "position_dependent_friction": [{"level": level, "table": table}, *map(dict, tables)],
     }
     forms = [plain]
     for name, values in starts.items():

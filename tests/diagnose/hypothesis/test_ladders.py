@@ -26,9 +26,9 @@ def test_a_limit_that_the_simulation_never_reaches_is_tried(stage, record, scene
     scene, _, model = scenes(record(machine))
     like = fit(scene, model, rounds=0)
     base = SimpleNamespace(fit=like)
-    (found,) = overlooked(scene, base, like, [], [])
+    (found,) = overlooked(scene, base, like, [], [], taken={"backlash"})
     assert 1.1 < found.spec.parameters["limit"] < 1.5
-    assert overlooked(scene, base, like, [], [], taken={"saturation"}) == []
+    assert overlooked(scene, base, like, [], [], taken={"saturation", "backlash"}) == []
 
 
 @pytest.mark.parametrize(("times", "seen"), [(2.5, True), (1.8, False)])
@@ -41,8 +41,24 @@ def test_a_limit_is_tried_wherever_noise_leaves_room_for_one(stage, record, scen
     loud = replace(scene, noise=scene.noise.scaled(np.sqrt(cost / times)))
     like = fit(loud, model, rounds=0)
     assert not like.far
-    found = overlooked(loud, SimpleNamespace(fit=like), like, [], [])
+    found = overlooked(loud, SimpleNamespace(fit=like), like, [], [], taken={"backlash"})
     assert [c.spec.name for c in found] == (["saturation"] if seen else [])
+
+
+def test_a_part_that_knocks_is_tried_under_noise_as_loud_as_what_it_leaves(stage, record, scenes):
+    """First order knows the play of what is measured, which is none."""
+    behind = EffectSpec("backlash", {"gap": 1e-4}, {"kind": "load", "measured": "motor"})
+    scene, _, model = scenes(record(replace(stage, effects=(behind,))))
+    cost = fit(scene, model, rounds=0).cost / scene.samples
+    loud = replace(scene, noise=scene.noise.scaled(np.sqrt(cost)))
+    like = fit(loud, model)
+    base = SimpleNamespace(fit=like)
+    (found,) = overlooked(loud, base, like, [], [])
+    assert found.spec.name == "backlash"
+    assert found.spec.options["kind"] == "load"
+    assert 3e-5 < found.spec.parameters["gap"] < 3e-4
+    assert overlooked(loud, base, like, [], [found]) == []
+    assert overlooked(loud, base, like, [], [], taken={"backlash"}) == []
 
 
 def test_nothing_is_overlooked_where_the_simulation_is_near(stage, record, scenes):

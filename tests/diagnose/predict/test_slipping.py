@@ -136,8 +136,8 @@ def test_friction_that_needs_more_than_the_stated_noise_is_believed_where_that_t
 
 def test_company_that_the_filter_does_not_know_stays(seen):
     scene, held, model = seen(SKEWED)
-    wave = EffectSpec("cogging", {"amplitude": 0.1, "period": 4e-3})
-    for effects in ((wave,), (SKEWED, wave), (EffectSpec("constant_load", {"force": 0.1}),)):
+    play = EffectSpec("backlash", {"gap": 1e-5})
+    for effects in ((play,), (SKEWED, play), (EffectSpec("constant_load", {"force": 0.1}),)):
         standing = judge(scene, held, replace(model, effects=effects), 1)
         outcome = Outcome(standing, [], held, {})
         assert with_dry_friction(scene, held, outcome, model, scene.noise) is outcome
@@ -157,6 +157,38 @@ def test_friction_is_told_beside_what_drives_the_machine_and_what_it_carries(see
     level, force = (found.model.effects[k].parameters for k in (2, 1))
     assert level["level"] == pytest.approx(1.8, rel=0.3)
     assert force["force"] == pytest.approx(2.6, rel=0.3)
+
+
+ROUGH = {
+    "grid": [0.0, 0.025, 0.05], "positive": [2.0, 12.0, 6.0], "negative": [8.0, 2.0, 12.0],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("true", "told"),
+    [
+        (EffectSpec("coulomb_friction", {"level": 2.0}), "coulomb_friction"),
+        (EffectSpec("position_dependent_friction", {"level": 7.0, "table": ROUGH}), None),
+    ],
+)
+def test_a_table_that_free_runs_found_beside_cogging_stays_where_the_filter_has_one(
+    seen, true, told
+):
+    wave = EffectSpec("cogging", {"amplitude": 1.5, "period": 0.012, "phase": 0.3})
+    scene, held, model = seen(wave, true)
+    flat = [2.0, 2.1, 1.8, 2.0, 2.1]
+    table = {"grid": [0.0, 0.0125, 0.025, 0.0375, 0.05], "positive": flat, "negative": flat}
+    stood = EffectSpec("position_dependent_friction", {"level": 2.0, "table": table})
+    standing = judge(scene, held, replace(model, effects=(wave, stood)), 6)
+    outcome = Outcome(standing, [], held, {})
+    found = with_dry_friction(scene, held, outcome, model, scene.noise)
+    if told is None:
+        assert found is outcome
+        return
+    assert found.standing.model.names == ("cogging", told)
+    cogging, friction = found.standing.model.effects
+    assert cogging.parameters["amplitude"] == pytest.approx(1.5, rel=0.1)
+    assert friction.parameters["level"] == pytest.approx(2.0, rel=0.1)
 
 
 def test_levels_by_direction_are_begun_from_the_means_of_a_table(seen):  # type: ignore[no-untyped-def]
