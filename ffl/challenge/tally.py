@@ -91,6 +91,11 @@ def _confusion(rows: Sequence[Verdict]) -> tuple[tuple[str, ...], tuple[str, ...
     return left, right, matrix
 
 
+def _near(rows: Sequence[Verdict]) -> Share:
+    """Of those with an oracle."""
+    return Share.of(v.nrmse_ratio <= 1.2 for v in rows if v.nrmse_ratio is not None)
+
+
 def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Score:
     """All figures from the judged cases."""
     kinds = {
@@ -116,6 +121,10 @@ def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Sco
         "exact set, three effects": Share.of(v.exact for v in several if len(v.true) > 2),
         "several: exact, or the inseparable listed": Share.of(v.told for v in several),
         "main effect named, several": Share.of(v.true[0] in v.named for v in several),
+        **{
+            f"held-out error within 1.2 of the oracle's, {k}": _near(kinds[k])
+            for k in ("single", "several")
+        },
         "family, all": Share.of(v.family for v in effects),
         "location": Share.of(v.location for v in effects),
         "outside: unnamed, right variables": Share.of(v.right for v in outside),
