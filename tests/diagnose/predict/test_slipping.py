@@ -203,6 +203,16 @@ def test_levels_by_direction_are_begun_from_the_means_of_a_table(seen):  # type:
     assert found.worth(scene.trials) > right.worth(scene.trials) - 1.0
 
 
+def test_plain_friction_is_begun_from_levels_by_direction(seen):  # type: ignore[no-untyped-def]
+    scene, _, model = seen(EffectSpec("coulomb_friction", {"level": 2.0}))
+    spec = EffectSpec("asymmetric_friction", {"level_positive": 2.3, "level_negative": 1.5})
+    either = refitted(Slip(model.with_effect(spec), scene.noise), scene.trials)
+    plain = dry_in_noise._of_one_level(either, scene.trials)
+    assert plain.model.names == ("coulomb_friction",)
+    assert plain.model.effects[0].parameters["level"] == pytest.approx(2.0, rel=0.1)
+    assert plain.worth(scene.trials) > either.worth(scene.trials) - 2.0  # chi squared of one number
+
+
 def test_forms_of_friction_in_the_filters_terms():
     stribeck = EffectSpec(
         "stribeck_friction",
