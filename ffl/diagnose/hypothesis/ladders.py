@@ -29,8 +29,11 @@ LIMIT, LOWEST, LEVELS = "saturation", 0.01, 28  # shares of the largest command
 NEAR = 0.5  # of what the best start takes off the sum of squares
 SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
-PLAY, GAPS = "backlash", np.geomspace(1e-5, 0.1, 9)  # shares of the positions travelled
+PLAY, GAPS = "backlash", np.geomspace(3e-5, 0.03, 7)  # shares of the positions travelled
 TAKEN = 32.0  # off the sum of squares, at least, by a form of it that no first order shows
+FIRST = (
+    200.0  # the same by another to first order: it joins first, and plays are asked for beside it
+)
 
 
 def with_best_start(scene: Scene, c: Candidate, others: Sequence[EffectSpec] = ()) -> Model:
@@ -200,10 +203,11 @@ def overlooked(
 ) -> list[Candidate]:
     """Effects of which a simulation on their `ladder` shows what no first order does (a limit that makes
     the loop swing): a start from which the sum of squares falls to a small part, where noise is as small a
-    part of it; a limit of the command, unless it is `taken`, also where first order proposes none. A play
-    of any form that takes something off, unless it is listed or taken."""
+    part of it; a limit of the command, unless it is `taken`, also where first order proposes none. Where
+    nobody takes much off to first order, a play of any form that does, unless it is listed or taken."""
     names = {c.spec.name for c in listed}
-    out = _plays(quiet, like, names.union(taken))
+    little = max((c.gain for c in listed), default=0.0) < FIRST
+    out = _plays(quiet, like, names.union(taken)) if little else []
     if FALLS * base.fit.cost < len(base.fit.white):
         return out
     names.update(c.spec.name for c in out)
