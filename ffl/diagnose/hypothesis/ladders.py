@@ -31,8 +31,8 @@ SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 PLAY, GAPS = "backlash", np.geomspace(3e-5, 0.03, 7)  # shares of the positions travelled
 TAKEN = 32.0  # off the sum of squares, at least, by a form of it that no first order shows
-FIRST = (
-    200.0  # the same by another to first order: it joins first, and plays are asked for beside it
+MUCH = (
+    200.0  # the same by another to first order: it joins first, and plays are looked for beside it
 )
 
 
@@ -189,8 +189,7 @@ def _plays(scene: Scene, like: Fit, barred: Collection[str]) -> list[Candidate]:
     start = _best(scene, like, [_beside(like.model, s) for s in specs], like.cost - TAKEN)
     if start is None:
         return []
-    place = Place(EFFECTS[PLAY].port)
-    return [Candidate(start.effects[-1], like.cost - scene.cost(start), 1, place, like)]
+    return [Candidate(start.effects[-1], 0.0, 1, Place(EFFECTS[PLAY].port), like)]
 
 
 def overlooked(
@@ -206,7 +205,7 @@ def overlooked(
     part of it; a limit of the command, unless it is `taken`, also where first order proposes none. Where
     nobody takes much off to first order, a play of any form that does, unless it is listed or taken."""
     names = {c.spec.name for c in listed}
-    little = max((c.gain for c in listed), default=0.0) < FIRST
+    little = max((c.gain for c in listed), default=0.0) < MUCH
     out = _plays(quiet, like, names.union(taken)) if little else []
     if FALLS * base.fit.cost < len(base.fit.white):
         return out

@@ -18,10 +18,10 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import SHARE, Judged, credible
 from ffl.diagnose.contest.line import crosses
-from ffl.diagnose.contest.plainest import BY_DIRECTION, CONTACT, unseen
+from ffl.diagnose.contest.plainest import BY_DIRECTION, CONTACT, in_the_mean, unseen
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE, level_of
+from ffl.diagnose.contest.settle import DRY, PLIABLE, SUBSTITUTE, level_of, plain_form
 from ffl.diagnose.hypothesis.amounts import claims, sizes
 from ffl.diagnose.hypothesis.model import STIFF, Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
@@ -324,23 +324,22 @@ def _forms(
 def _of_one_level(either: Slip, trials: Sequence[Trial]) -> Slip:
     """Plain friction of the mean level of friction by direction, all else as found there: from elsewhere it
     may settle behind it. (0.9692 +- 0.0058 and 0.9644 +- 0.0057 N, for 0.9654 N both ways.)"""
-    *others, spec = either.model.effects
-    level = float(np.mean([spec.parameters[f"level_{way}"] for way in ("positive", "negative")]))
-    plain = EffectSpec("coulomb_friction", {"level": level}, dict(spec.options))
-    return refitted(replace(either, model=replace(either.model, effects=(*others, plain))), trials)
+    plain = plain_form(either.model.effects[-1])
+    assert plain is not None
+    return _instead(either, plain, trials)
 
 
 def _of_the_mean(table: Slip, trials: Sequence[Trial]) -> Slip:
     """Friction by direction from the mean levels of a fitted `table`, all else as found there: from
     one level for both ways it may settle elsewhere. (14.19 and 7.22 N and 26 % less damping, 1,720 behind a
     table of 13.9 and 6.4 N throughout; 13.99 and 6.45 N were there.)"""
-    model = table.model
-    *others, spec = model.effects
-    rows = spec.parameters["table"]
-    levels = {f"level_{way}": float(np.mean(rows[way])) for way in ("positive", "negative")}
-    options = {k: spec.options[k] for k in POINT if k in spec.options}
-    by_direction = EffectSpec(BY_DIRECTION, levels, options)
-    return refitted(replace(table, model=replace(model, effects=(*others, by_direction))), trials)
+    return _instead(table, in_the_mean(table.model.effects[-1]), trials)
+
+
+def _instead(found: Slip, spec: EffectSpec, trials: Sequence[Trial]) -> Slip:
+    """`spec` in the place of the last effect found, refitted from there."""
+    model = replace(found.model, effects=(*found.model.effects[:-1], spec))
+    return refitted(replace(found, model=model), trials)
 
 
 def _shown(judged: Judged) -> bool:
