@@ -62,7 +62,7 @@ def stopped(stage, references):  # type: ignore[no-untyped-def]
     runs = [
         recorded(stage, r, buffer, rng, f"run_{k}.csv") for k, r in enumerate((*references, references[0]))
     ]  # fmt: skip
-    return diagnose(stage, runs[:2], runs[2:])
+    return diagnose(stage, runs[1:2], runs[2:])
 
 
 def test_a_rubber_stop_is_unnamed_with_its_variable_and_formula(stopped):  # type: ignore[no-untyped-def]
