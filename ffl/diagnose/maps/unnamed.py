@@ -153,7 +153,7 @@ def compare(
         told = alone is not None and (gains[1] > MARGIN or (hardly and gains[0] > UNTOLD))
         told = told and gains[0] > MARGIN and in_own_noise(scene, standing, alone) > MARGIN
         if alone and told and not within_the_line(scene, alone):
-            return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
+            return _described(Contest("unnamed", alone, None, *gains, _after(alone)), scene, rng)
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
     # What was seen directly in the recording stands; maps may come beside it. (A clipped output under
@@ -161,12 +161,12 @@ def compare(
     seen = bool({e.name for e in standing.effects} & standing.proven)
     alone = None if seen else alone
     if alone and min(gains) > -MARGIN and _drawn(standing):
-        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
+        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), scene, rng)
     count = _beside_numbers(standing)
     several = count > len(alone.parts) if alone else False
     if alone and several and as_good(gains) and not _sum_of(standing, alone):
         # One thing where names need several: a sensor's curve is a gain by position and a drag.
-        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), rng)
+        return _described(Contest("unnamed", alone, None, *gains, _after(alone)), scene, rng)
     winning = alone is not None and _ahead(gains)
     if alone and not winning and gains[0] > UNTOLD and -gains[1] < LOST * gains[0]:
         # Held-out recordings that show little of it may lose a little on a map, which is never
@@ -188,9 +188,9 @@ def compare(
     if alone and winning and count <= len(alone.parts):
         near = alone if nearly(scene, held, bare, standing, alone) else None
     if alone and winning and not near and not _better(beside, alone, nominal, held):
-        return _described(Contest("unnamed", alone, beside, *gains, _after(alone)), rng)
+        return _described(Contest("unnamed", alone, beside, *gains, _after(alone)), scene, rng)
     if beside or near:
-        return _described(Contest("partly", alone, beside or near, *gains, bursts), rng)
+        return _described(Contest("partly", alone, beside or near, *gains, bursts), scene, rng)
     if bursts.found and bursts.excess > SHARED_OUT * events(scene, before, stated).excess:
         return Contest("partly", alone, None, *gains, bursts)
     return Contest("named", alone, None, *gains, bursts)
@@ -358,8 +358,10 @@ def _better(beside: FreeForm | None, alone: FreeForm, nominal: Model, held: Scen
 # --- what it depends on ---------------------------------------------------------------------------
 
 
-def _described(contest: Contest, rng: Generator) -> Contest:
+def _described(contest: Contest, scene: Scene, rng: Generator) -> Contest:
     if contest.verdict == "unnamed" and contest.alone is not None:
+        if within_the_line(scene, contest.alone):  # and the names it beats stand for no more
+            return Contest("nothing", None, None, 0.0, 0.0, None)
         contest = replace(contest, alone=calmed(contest.alone))
     winner = contest.winner
     assert winner is not None

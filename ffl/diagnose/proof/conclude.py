@@ -85,6 +85,9 @@ def conclude(
         scene = outcome.standing.scene.like(standing.scene)
         judging = (outcome.held or held).like(scene)
         nameless = compare(scene, judging, nominal, standing.fit, rng)
+        first = outcome.steps[0].before if outcome.steps else standing
+        if nameless.verdict == "nothing" and len(first.model.effects) < len(standing.model.effects):
+            return conclude(model, nominal, before, held, first, outcome, health, notes, rng)
     maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
     lost = nameless.lost
     bare = maps.model if maps else lost.fit.model if lost else standing.model

@@ -202,20 +202,25 @@ def test_a_map_that_judging_recordings_hardly_show_must_bring_half_of_what_it_ca
 
 
 @pytest.mark.parametrize(
-    ("name", "slope", "bend", "within"),
+    ("name", "slope", "bend", "own", "within"),
     [
-        ("velocity", -0.05, 0.0, True),
-        ("velocity", -30.0, 0.0, False),  # much of it
-        ("velocity", -0.05, 0.02, False),  # no straight line
-        ("position", -0.05, 0.0, True),
-        ("direction by position", -0.5, 0.0, False),  # neither a damper nor a spring
+        ("velocity", -0.05, 0.0, 0.0, True),
+        ("velocity", -30.0, 0.0, 0.0, False),  # much of it
+        ("velocity", -0.05, 0.02, 0.0, False),  # no straight line
+        ("velocity", -0.2, 0.0, 0.0, False),  # 2.9 % of the command,
+        ("velocity", -0.2, 0.0, -0.2, True),  # of which the model's own takes half back
+        ("velocity", -0.2, 0.0, 0.2, False),
+        ("velocity", 0.2, 0.0, 0.2, True),
+        ("position", -0.05, 0.0, 0.0, True),
+        ("direction by position", -0.5, 0.0, 0.0, False),  # neither a damper nor a spring
     ],
 )
 def test_a_little_damping_elsewhere_is_no_physics(
-    stage, references, scenes, name, slope, bend, within
+    stage, references, scenes, name, slope, bend, own, within
 ):  # type: ignore[no-untyped-def]
     run = recorded(stage, references[0], 1, force=lambda x, v: 0.0 * x)
     scene, _, model = scenes([run])
+    model = replace(model, corrections={"damping": own})
     ranges = {"x": (-0.05, 0.15), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 3.0)}
     part = Part(term(name), Place("force"), np.zeros(0), ranges)
     grid = part.term.grid(ranges)
