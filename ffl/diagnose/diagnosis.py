@@ -190,6 +190,7 @@ def _named(
     until = max(float(np.abs(r.t).max()) for r in everything)
     limit, left = reached(model, everything), passing(everything)
     base = Base.of(model, travel, until, limit, seen.observed, left)
+    base = replace(base, learned=max(float(np.ptp(r.y)) for r in recordings))
     prior, floor = _prior(model, base, recordings)
     if not validation:
         recordings, validation = blocks(recordings)

@@ -140,8 +140,9 @@ def _mass_at(base: Base, spec: EffectSpec) -> float:
 
 
 def _shortest(base: Base, spec: EffectSpec, name: str) -> float:
-    """Logarithm of the least value that keeps presliding friction and hysteresis apart."""
-    length = CONTACT * base.travel
+    """Logarithm of the least value that keeps presliding friction and hysteresis apart. (A loop of 1.98 mm
+    learned from moves over 34 was none beside one over 135 that judged.)"""
+    length = CONTACT * min(base.learned, base.travel)
     if length > 0 and (spec.name, name) == ("hysteresis", "displacement"):
         return float(np.log(length))
     if length > 0 and (spec.name, name) == ("presliding_friction", "stiffness"):

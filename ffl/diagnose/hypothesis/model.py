@@ -57,6 +57,7 @@ class Base:
     limit: float | None = None  # of the command, as the plant file states it, where they come to it
     observed: bool = False  # the controller is an observer's, which no command went through
     passing: tuple[float, float] = EVERYTHING  # limit, dead zone beyond which no command is left
+    learned: float = np.inf  # range of y in the recordings that are fitted, at most `travel`
 
     @classmethod
     def of(
@@ -74,7 +75,8 @@ class Base:
 
     def like(self, plant: Plant) -> Base:
         """The same recordings of another plant, at no limit."""
-        return Base.of(plant, self.travel, self.until, passing=self.passing)
+        other = Base.of(plant, self.travel, self.until, passing=self.passing)
+        return replace(other, learned=self.learned)
 
     @cached_property
     def unlimited(self) -> Base:
@@ -253,8 +255,6 @@ class Model:
             self.base.plant, self.base.simulator.mechanics, dict(self.corrections)
         )
         return replace(plant, effects=self.acting)
-
-    # --- as a vector -----------------------------------------------------------------------------
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:

@@ -229,3 +229,23 @@ def test_a_logarithm_at_its_bound_is_within_it(stage):
     at = [c.name for c in model.coordinates].index("beta")
     theta[at] = np.inf
     assert model.at(theta).effects[0].parameters["beta"] <= 10.0
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "numbers"),
+    [
+        ("hysteresis", "displacement", {"force": 0.35, "displacement": 2e-3}),
+        ("presliding_friction", "stiffness", {"level": 0.35, "stiffness": 900.0}),
+    ],
+)
+def test_a_loop_and_a_contact_are_told_apart_by_the_travel_that_is_learned_from(
+    stage, name, parameter, numbers
+):  # type: ignore[no-untyped-def]
+    """20270109/0141: 34 mm were fitted, 135 mm judged, and the loop of 2 mm was out of bounds."""
+    far = Base.of(stage, 0.135)
+    for base, longest in ((far, 0.025 * 0.135), (replace(far, learned=0.034), 0.025 * 0.034)):
+        model = Model(base, effects=(EffectSpec(name, numbers),))
+        lower = next(c.lower for c in model.coordinates if c.name == parameter)
+        least = longest if name == "hysteresis" else numbers["level"] / (1.4 * longest)
+        wanted = max(np.log(least), np.log(numbers[parameter]) - 3.0)
+        assert lower == pytest.approx(wanted, abs=1e-6)
