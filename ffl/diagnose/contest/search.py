@@ -48,6 +48,7 @@ from ffl.diagnose.contest.shares import shares_off
 from ffl.diagnose.contest.teeth import other_teeth
 from ffl.diagnose.contest.timing import begun_late
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
+from ffl.diagnose.contest.untabled import untabled
 from ffl.diagnose.hypothesis.contact import with_other_contact
 from ffl.diagnose.hypothesis.course import courses
 from ffl.diagnose.hypothesis.fit import Fit
@@ -99,7 +100,8 @@ def contest(
         if _ahead(other, outcome, say):
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
-    for other_way in (two_for_two, within_the_travel, begun_late, mode_elsewhere, shares_off):
+    ways = two_for_two, untabled, within_the_travel, begun_late, mode_elsewhere, shares_off
+    for other_way in ways:
         pair = other_way(outcome.standing.scene, outcome.held, outcome.standing, say)
         if pair is None or scene.work.done:
             continue

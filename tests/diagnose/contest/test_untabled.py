@@ -1,0 +1,48 @@
+"""A friction by position is held against plain friction and a force by position, once others stand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.untabled import untabled
+from ffl.systems.plant import EffectSpec
+
+PLACES = np.linspace(-0.005, 0.055, 7)
+COULOMB = EffectSpec("coulomb_friction", {"level": 2.0})
+COGGING = EffectSpec("cogging", {"amplitude": 0.6, "period": 0.03, "phase": 0.2})
+VISCOUS = EffectSpec("viscous_friction", {"coefficient": 12.0})
+
+
+def table(up, down):  # type: ignore[no-untyped-def]
+    levels = {"grid": PLACES.tolist(), "positive": up.tolist(), "negative": down.tolist()}
+    return EffectSpec(
+        "position_dependent_friction", {"table": levels, "level": float(np.mean([up, down]))}
+    )
+
+
+BOTH_WAYS = table(2.0 + 10.0 * PLACES, 2.0 + 10.0 * PLACES)  # no force by position is in it
+HALVES = table(2.0 - 0.6 * np.sin(200.0 * PLACES), 2.0 + 0.6 * np.sin(200.0 * PLACES))
+
+
+@pytest.mark.parametrize(
+    ("true", "stood", "names"),
+    [
+        ((COULOMB, COGGING, VISCOUS), HALVES, {"viscous_friction", "coulomb_friction", "cogging"}),
+        ((BOTH_WAYS, VISCOUS), BOTH_WAYS, None),
+    ],
+)
+def test_two_for_a_table_where_they_do_as_much(stage, record, scenes, true, stood, names):  # type: ignore[no-untyped-def]
+    runs = record(replace(stage, effects=true))
+    scene, held, model = scenes(runs)
+    standing = judge(scene, held, model.with_effect(stood).with_effect(VISCOUS), 10)
+    found = untabled(scene, held, standing, lambda line: None)
+    assert (found and set(found.model.names)) == names
+
+
+def test_alone_it_is_left(stage, record, scenes):  # type: ignore[no-untyped-def]
+    """Then the two were held against it when it came."""
+    scene, held, model = scenes(record(replace(stage, effects=(BOTH_WAYS,))))
+    standing = judge(scene, held, model.with_effect(BOTH_WAYS), 2)
+    assert untabled(scene, held, standing, lambda line: None) is None
