@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
+from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import excluded, plain_form
 from ffl.diagnose.hypothesis.fit import fit
@@ -41,15 +41,13 @@ def untabled(
         for name, effect in EFFECTS.items()
         if effect.port == "force" and set(effect.depends_on) == {"position"} and name not in taken
     ]
-    best: Judged | None = None
+    found: list[Judged] = []
     for c in Screen(quiet, like).candidates(forces)[:TRIED]:
         start = with_best_start(quiet, c)
         two = judge(quiet, held, fit(quiet, start, rounds=6, known=like.shared(start)).model, 10)
-        if not credible(two):
-            continue
         ahead, behind = levelled([two, current])
         gained = ahead.score - behind.score
         say(f"  {plain.name} and {c.spec.name} for {TABLE}: {gained:+.1f}")
-        if gained > 0.0 and (best is None or two.score > best.score):
-            best = two
-    return best
+        if gained > 0.0 and credible(two):
+            found.append(two)
+    return likeliest(found) if found else None

@@ -31,9 +31,8 @@ SLACK = 1e-9  # of a sum of squares: rounding
 FALLS = 0.5  # of the sum of squares: left by a start that the screen overlooked
 PLAY, GAPS = "backlash", np.geomspace(3e-5, 0.03, 7)  # shares of the positions travelled
 TAKEN = 32.0  # off the sum of squares, at least, by a form of it that no first order shows
-MUCH = (
-    200.0  # the same by another to first order: it joins first, and plays are looked for beside it
-)
+# The same by another to first order: it joins first, and plays are looked for beside it.
+MUCH = 200.0
 
 
 def with_best_start(scene: Scene, c: Candidate, others: Sequence[EffectSpec] = ()) -> Model:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,8 @@ from ffl.diagnose.maps.freestep import ROUNDS, stepped
 from ffl.diagnose.noise.slow import gained_in_own_noise
 
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
-STRAIGHT = {
-    "velocity": "damping",
-    "position": "stiffness",
-}  # maps, and the numbers that they are then
+# Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
+STRAIGHT = {"velocity": "damping", "position": "stiffness"}
 BENT = 0.3  # of such a map: what may lie beside a straight line
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
 
@@ -98,13 +97,13 @@ def within_the_line(scene: Scene, alone: FreeForm) -> bool:
         sent.append(run.u)
     x, force = np.concatenate(along), np.concatenate(pushed)
     columns = np.column_stack([x, np.ones_like(x)])
-    line = columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
-    bent, size = (float(np.std(q)) for q in (force - line, force))
+    line = np.linalg.lstsq(columns, force, rcond=None)[0]
+    bent, size = (float(np.std(q)) for q in (force - columns @ line, force))
     share = size / max(float(np.std(np.concatenate(sent))), 1e-300)
+    if not (bent < BENT * size and share < 2.0 * LINE):
+        return False
     own = sizes(scene, alone.free.model).get(STRAIGHT[part.term.name], 0.0)
-    drives = float(np.dot(x - x.mean(), force)) > 0.0
-    net = abs(own - share if drives else own + share)
-    return bent < BENT * size and (share < LINE or (share < 2.0 * LINE and net < LINE))
+    return share < LINE or abs(own - math.copysign(share, line[0])) < LINE
 
 
 def as_good(gains: tuple[float, float]) -> bool:

@@ -152,8 +152,10 @@ def compare(
         hardly = alone is not None and (alone.untold or unseen)
         told = alone is not None and (gains[1] > MARGIN or (hardly and gains[0] > UNTOLD))
         told = told and gains[0] > MARGIN and in_own_noise(scene, standing, alone) > MARGIN
-        if alone and told and not within_the_line(scene, alone):
-            return _described(Contest("unnamed", alone, None, *gains, _after(alone)), scene, rng)
+        if alone and told:
+            said = _described(Contest("unnamed", alone, None, *gains, _after(alone)), scene, rng)
+            if said.verdict == "unnamed":
+                return said
         verdict = "unnamed" if bursts.found else "nothing"
         return Contest(verdict, None, None, 0.0, 0.0, bursts, ("time",) if bursts.found else ())
     # What was seen directly in the recording stands; maps may come beside it. (A clipped output under

@@ -59,10 +59,10 @@ def buffer(x, v):  # type: ignore[no-untyped-def]
 @pytest.fixture(scope="module")
 def stopped(stage, references):  # type: ignore[no-untyped-def]
     rng = np.random.default_rng(3)
-    runs = [
-        recorded(stage, r, buffer, rng, f"run_{k}.csv") for k, r in enumerate((*references, references[0]))
-    ]  # fmt: skip
-    return diagnose(stage, runs[1:2], runs[2:])
+    fitted, judging = (
+        recorded(stage, r, buffer, rng, f"run_{k}.csv") for k, r in enumerate(references[::-1])
+    )
+    return diagnose(stage, [fitted], [judging])
 
 
 def test_a_rubber_stop_is_unnamed_with_its_variable_and_formula(stopped):  # type: ignore[no-untyped-def]
