@@ -303,8 +303,8 @@ class Effect:
         """`values` with another `value` of the parameter `name` of its `ladder`: a start like this one."""
         return {**values, name: value}
 
-    def forms(self, flexible: bool) -> list[dict[str, Any]]:
-        """Options of each form it can take on a plant with modes (`flexible`) or without."""
+    def forms(self, flexible: bool, sample_time: float = 0.0) -> list[dict[str, Any]]:
+        """Options of each form it can take on a plant with modes (`flexible`) or without, sampled so."""
         return [{}]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:

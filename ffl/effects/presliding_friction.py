@@ -67,7 +67,7 @@ class PreslidingFriction(Effect):
             return [*slip.carried(travel, displacement), state[-1]]
         return [bristle.carried(travel, displacement), *state[1:]]
 
-    def forms(self, flexible: bool) -> list[dict[str, Any]]:
+    def forms(self, flexible: bool, sample_time: float = 0.0) -> list[dict[str, Any]]:
         """That of machines; whether the other does better is asked once this one stands."""
         return [{"kind": "maxwell_slip"}]
 

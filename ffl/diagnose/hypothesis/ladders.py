@@ -93,7 +93,8 @@ def relieved(model: Model) -> Model | None:
 
 def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
     """All starts of one valley."""
-    forms = EFFECTS[spec.name].forms(len(model.simulator.mechanics.modes) > 1)
+    mechanics = model.simulator.mechanics
+    forms = EFFECTS[spec.name].forms(len(mechanics.modes) > 1, mechanics.sample_time)
     values = [spec.parameters]
     ladder = EFFECTS[spec.name].ladder
     if ladder and ladder[0] in spec.parameters:
@@ -183,7 +184,8 @@ def _plays(scene: Scene, like: Fit, barred: Collection[str]) -> list[Candidate]:
     if PLAY in barred:
         return []
     travelled = max(float(np.ptp(trial.y)) for trial in scene.trials)
-    forms = EFFECTS[PLAY].forms(len(like.model.simulator.mechanics.modes) > 1)
+    mechanics = like.model.simulator.mechanics
+    forms = EFFECTS[PLAY].forms(len(mechanics.modes) > 1, mechanics.sample_time)
     specs = [EffectSpec(PLAY, {"gap": float(g)}, f) for f in forms for g in travelled * GAPS]
     start = _best(scene, like, [_beside(like.model, s) for s in specs], like.cost - TAKEN)
     if start is None:

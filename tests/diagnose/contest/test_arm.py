@@ -77,7 +77,7 @@ def test_gravity_and_friction_hide_one_another_where_no_noise_is_stated():
         [Move(0.3, 1.1, 0.6, 5.0, 100.0), Move(3.0, -1.5, 1.8, 8.0, 100.0)],
     )
     *fit, held = (
-        machine.run(r, np.zeros_like(r), rng) for r in (moves(p, 7.0, 0.002) for p in paths)
+        machine.run(r, np.zeros_like(r), rng) for r in (moves(p, 6.0, 0.002) for p in paths)
     )
     answer = diagnose(plant, fit, [held]).answer()
     assert answer["verdict"] == "explained"

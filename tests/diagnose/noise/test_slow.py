@@ -34,7 +34,7 @@ def shaken(stage, references, effects, seed):  # type: ignore[no-untyped-def]
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("no_play_sought")
 @pytest.mark.parametrize("seed", [1, 2])
 def test_slow_noise_of_an_unknown_loop_is_no_physics(stage, references, seed):  # type: ignore[no-untyped-def]
     fit, judge = shaken(stage, references, (), seed)
@@ -43,7 +43,7 @@ def test_slow_noise_of_an_unknown_loop_is_no_physics(stage, references, seed):  
     assert answer["verdict"] == "nothing_missing"
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("no_play_sought")
 def test_friction_beside_slow_noise_is_named(stage, references):  # type: ignore[no-untyped-def]
     dry = EffectSpec("coulomb_friction", {"level": 3.0})
     fit, judge = shaken(stage, references, (dry,), 1)
