@@ -207,13 +207,14 @@ def _pairs(poles: np.ndarray) -> list[np.ndarray]:
 
 def _projector(a: Array, group: np.ndarray, poles: np.ndarray, scale: float) -> tuple[Array, Array]:
     """Spectral projector onto the invariant subspace of `group`, and a basis of that subspace."""
-    others = np.array([p for p in poles if np.abs(p - group).min() > 1e-12 * scale])
-    if len(others) + len(group) != len(poles) or not len(others):
+    own: list[complex] = group.tolist()
+    others = [p for p in poles.tolist() if min(abs(p - q) for q in own) > 1e-12 * scale]
+    if len(others) + len(group) != len(poles) or not others:
         return np.eye(len(a)), np.linalg.qr(np.eye(len(a)))[0]
 
     def chosen(re: float, im: float = 0.0) -> bool:
         point = complex(re, im)
-        return bool(np.abs(point - group).min() < np.abs(point - others).min())
+        return min(abs(point - p) for p in own) < min(abs(point - p) for p in others)
 
     k = len(group)
     right = scipy.linalg.schur(a, output="real", sort=chosen)[1][:, :k]

@@ -199,9 +199,7 @@ class Simulator:
             program = self._compiler.compile(effects, substeps, wanted, bool(applied), others)
         delay = self.mechanics.delay
         if delay:  # the force enters with the command it stands beside
-            signals[2][:] = np.concatenate(
-                [np.zeros(min(delay, n)), signals[2][: max(0, n - delay)]]
-            )
+            signals[2] = np.concatenate([np.zeros(min(delay, n)), signals[2][: max(0, n - delay)]])
         state = self._split_state(start, program.mechanics)
         m, d = program.mechanics, program.discrete
         at_s, s = program.states(before, travel)
@@ -304,5 +302,11 @@ def _signals(*signals: ArrayLike | None) -> list[Array]:
         )
     n = lengths.pop()
     *four, applied = signals
-    rows = [np.zeros(n) if s is None else np.array(s, float) for s in four]
-    return [*rows, np.zeros(0) if applied is None else np.array(applied, float)]
+    rows = [np.zeros(n) if s is None else _as_row(s) for s in four]
+    return [*rows, np.zeros(0) if applied is None else _as_row(applied)]
+
+
+def _as_row(signal: ArrayLike) -> Array:
+    """The signal itself where the compiled loop can read it as it is, else a copy that it can."""
+    row = np.asarray(signal, float)
+    return row if row.flags.c_contiguous and row.flags.writeable else np.array(row)

@@ -109,7 +109,7 @@ def test_a_damper_is_read_from_the_balance_of_forces(plant):  # noqa: F811
 
 
 def test_play_and_friction_are_found_together_and_the_friction_keeps_its_form(plant):  # noqa: F811
-    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS))
+    scene, model = scene_of(plant, recorded(plant, PLAY, RUBS)[:1])
     scene = replace(scene, noise=partly_coloured(NOISE))
     begun, levels = started(scene, model, (), (), LOOSENESS, 2)
     assert begun is not None
