@@ -17,7 +17,7 @@ from two_masses import (
     two_mass_plant,
 )
 
-from ffl.effects import mechanics_of, modal
+from ffl.effects import EFFECTS, mechanics_of, modal
 from ffl.errors import InputError
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
@@ -254,3 +254,12 @@ def test_digits_that_a_logarithm_loses_come_back_and_nobody_is_warned_of_them(mo
     monkeypatch.setattr(scipy.linalg, "logm", rough)
     again = modal.taken_apart(system)
     np.testing.assert_allclose(again.a, exact.a, rtol=0, atol=1e-12 * np.abs(exact.a).max())
+
+
+@pytest.mark.parametrize(("sample_time", "looked_for"), [(1e-3, True), (0.09, True), (0.1, False)])
+def test_a_part_that_knocks_is_looked_for_where_samples_follow_its_slowest_contact(
+    sample_time, looked_for
+):
+    """5 Hz; an oven sampled once a second was followed in 64 steps a sample."""
+    kinds = [form["kind"] for form in EFFECTS["backlash"].forms(False, sample_time)]
+    assert kinds == ["play", *["load"] * (2 * looked_for)]
