@@ -12,8 +12,6 @@ from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import EffectSpec, Imperfections
 
-pytestmark = pytest.mark.usefixtures("no_play_sought")
-
 
 @pytest.mark.parametrize(
     ("reach", "unit", "turn"),

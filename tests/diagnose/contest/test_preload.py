@@ -13,8 +13,6 @@ from ffl.effects.motion import Extent
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 
-pytestmark = pytest.mark.usefixtures("no_play_sought")
-
 PRELOAD = EffectSpec("preloaded_spring", {"preload": 3.0, "centre": 0.012, "width": 0.0004})
 SPRING = EffectSpec("linear_stiffness", {"stiffness": 60.0, "centre": 0.012})
 FRICTION = EffectSpec("coulomb_friction", {"level": 1.0})
