@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import threading
-import warnings
 
 import numpy as np
 import scipy.linalg
@@ -15,7 +14,10 @@ from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
 
 FAST_POLE = 1e-6  # a pole nearer to the origin of the z plane is part of a delay, not of mechanics
-
+NEAR, MOST = 0.25, 2.0**40  # to the identity, where the rule below is exact; roots taken until then
+NODES, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
+NODES = NODES + 0.5  # of (0, 1)
+APART = 1e-5  # of a pole by itself: its left vector times its right one
 
 _TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?"
 _WAY = r"(k|d|c|m|µ|μ|u|n)?m|in|inch|ft|mi|ticks?|counts?|inc|steps?"
@@ -104,12 +106,20 @@ def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
 
 
 def _logarithm(block: Array) -> Array:
-    """L with exp(L) = block, (n, n). That of a defective matrix loses digits, of which scipy warns; one
-    Newton step brings them back."""
-    with _LOCK, warnings.catch_warnings():  # filters are shared by all threads
-        warnings.filterwarnings("ignore", "logm result may be inaccurate", RuntimeWarning)
-        log = np.real(scipy.linalg.logm(block))
-    return log + scipy.linalg.expm(-log) @ block - np.eye(len(block))
+    """L with exp(L) = block, (n, n), by balanced square roots B^(1/2^k) = I + E near the identity,
+
+        log B = 2^k int_0^1 E (I + x E)^-1 dx,
+
+    that integral exact to rounding by Gauss's rule, and Newton steps for the digits that roots lose."""
+    balanced, (scale, _) = scipy.linalg.matrix_balance(block, permute=False, separate=True)
+    unit, root, doubled = np.eye(len(block)), balanced, 1.0
+    while np.abs(root - unit).sum(axis=0).max() > NEAR and doubled < MOST:
+        root, doubled = np.real(scipy.linalg.sqrtm(root)), 2.0 * doubled
+    parts = np.linalg.solve(unit + NODES[:, None, None] * (root - unit), root - unit)
+    log = doubled * np.einsum("k,kij->ij", WEIGHTS, parts)
+    for _ in range(2):
+        log = log + scipy.linalg.expm(-log) @ balanced - unit
+    return scale[:, None] * log / scale
 
 
 def _without_delay(system: Zpk | StateSpace) -> tuple[int, StateSpace]:
@@ -158,13 +168,13 @@ def _split_fast(ss: StateSpace) -> tuple[StateSpace, StateSpace]:
 
 def _modes(a: Array, b: Array, c: Array) -> tuple[tuple[Mode, ...], float]:
     """The rigid body (slowest pair of poles), one mode per further pair, and the rigid body's sign."""
-    poles = np.linalg.eigvals(a) if len(a) else np.zeros(0, complex)
+    poles, left, right = _eigen(a)
     groups = _pairs(poles)
     modes: list[Mode] = []
     rigid_sign = 0.0
     scale = max(1.0, float(np.abs(poles).max(initial=0.0)))
     for group in groups:
-        projector, basis = _projector(a, group, poles, scale)
+        projector, basis = _own(poles, left, right, group) or _projector(a, group, poles, scale)
         position, velocity = c @ projector, c @ projector @ a
         numerator = float(velocity @ b - group.sum().real * (position @ b))
         seen = np.vstack([position @ basis, velocity @ basis])
@@ -203,6 +213,27 @@ def _pairs(poles: np.ndarray) -> list[np.ndarray]:
     pairs = [np.array([p, p.conjugate()]) for p in upper]
     pairs += [real[k : k + 2] for k in range(0, len(real) - 1, 2)]
     return sorted(pairs, key=lambda pair: float(np.abs(pair).max()))
+
+
+def _eigen(a: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poles (n,), left and right eigenvectors (n, n)."""
+    if not len(a):
+        return np.zeros(0, complex), np.zeros((0, 0)), np.zeros((0, 0))
+    return scipy.linalg.eig(a, left=True, right=True)  # type: ignore[no-any-return]
+
+
+def _own(
+    poles: np.ndarray, left: np.ndarray, right: np.ndarray, group: np.ndarray
+) -> tuple[Array, Array] | None:
+    """As `_projector`, of poles that have vectors of their own: sum v w'/(w'v). None of others."""
+    at = [int(np.argmin(np.abs(poles - p))) for p in group]
+    v, w = right[:, at], left[:, at].conj()
+    products = np.sum(v * w, axis=0)
+    if at[0] == at[1] or np.abs(products).min() < APART:
+        return None
+    pair = abs(poles[at[0]].imag) > 0.0
+    basis = np.column_stack([v[:, 0].real, v[:, 0].imag]) if pair else v.real
+    return ((v / products) @ w.T).real, np.linalg.qr(basis)[0]
 
 
 def _projector(a: Array, group: np.ndarray, poles: np.ndarray, scale: float) -> tuple[Array, Array]:

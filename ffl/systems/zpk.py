@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffl.errors import InputError
-from ffl.systems.state_space import Array, ComplexArray, StateSpace, series
+from ffl.systems.state_space import Array, ComplexArray, StateSpace
 
 PAIR_TOLERANCE = 1e-9
 CIRCLE_TOLERANCE = 1e-9
@@ -130,14 +130,17 @@ class Zpk:
                 self.gain,
                 self.sample_time,
             ).state_space()
-        total = StateSpace(
-            np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 1.0, self.sample_time
-        )
+        n, k, d = len(poles), 0, 1.0
+        a, b, c = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         for group, zeros in _sections(poles, self.zeros):
-            total = series(total, _section(group, zeros, self.sample_time))
-        return StateSpace(
-            total.a, total.b, total.c * self.gain, total.d * self.gain, self.sample_time
-        )
+            own_a, own_b, own_c, own_d = _section(group, zeros)
+            here, before = slice(k, k + len(group)), slice(k)
+            a[here, here], a[here, before] = own_a, np.outer(own_b, c[before])
+            b[here] = np.multiply(own_b, d)
+            c[before] *= own_d
+            c[here] = own_c
+            k, d = k + len(group), d * own_d
+        return StateSpace(a, b, c * self.gain, d * self.gain, self.sample_time)
 
     def filter(self, u: ArrayLike) -> Array:
         """Causal response to `u` from initial rest; see `two_sided_filter` for the bounded one."""
@@ -203,13 +206,15 @@ def _sections(
     return sections
 
 
-def _section(poles: list[complex], zeros: list[complex], sample_time: float) -> StateSpace:
-    """prod(z - zeros) / prod(z - poles) for one pole, two real poles or a complex pair."""
+def _section(
+    poles: list[complex], zeros: list[complex]
+) -> tuple[list[list[float]], list[float], list[float], float]:
+    """(A, b, c, d) of prod(z - zeros) / prod(z - poles) for one pole, two real poles or a complex pair."""
     if len(poles) == 1:
         p = poles[0].real
         if not zeros:
-            return StateSpace(p, 1.0, 1.0, 0.0, sample_time)
-        return StateSpace(p, 1.0, p - zeros[0].real, 1.0, sample_time)
+            return [[p]], [1.0], [1.0], 0.0
+        return [[p]], [1.0], [p - zeros[0].real], 1.0
     if poles[0].imag == 0:  # states 1/(z-p1) and 1/((z-p1)(z-p2)): numerator in Newton form
         p1, p2 = poles[0].real, poles[1].real
         a, b = [[p1, 0.0], [1.0, p2]], [1.0, 0.0]
@@ -220,7 +225,7 @@ def _section(poles: list[complex], zeros: list[complex], sample_time: float) -> 
             c, d = [1.0, p2 - zeros[0].real], 0.0
         else:
             c, d = [0.0, 1.0], 0.0
-        return StateSpace(a, b, c, d, sample_time)
+        return a, b, c, d
     # Modal form keeps the pair exactly: with s = z - re, the states are im/(s^2+im^2), s/(s^2+im^2).
     re, im = poles[0].real, abs(poles[0].imag)
     a, b = [[re, im], [-im, re]], [0.0, 1.0]
@@ -231,4 +236,4 @@ def _section(poles: list[complex], zeros: list[complex], sample_time: float) -> 
         c, d = [-(zeros[0].real - re) / im, 1.0], 0.0
     else:
         c, d = [1.0 / im, 0.0], 0.0
-    return StateSpace(a, b, c, d, sample_time)
+    return a, b, c, d
