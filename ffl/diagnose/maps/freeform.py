@@ -160,8 +160,9 @@ def judged(
         runs = [free.follow(trial) for trial in held.trials]
         if any(run is None for run in runs):
             return None
-        known = np.concatenate([where_known(free, r[0].x, held) for r in runs if r])
         missed = [t.y - r[0].y for t, r in zip(held.trials, runs, strict=True) if r]
+        pairs = zip(runs, missed, strict=True)
+        known = np.concatenate([where_known(free, r[0].x, held, e) for r, e in pairs if r])
         white = held.judge(missed, known)
     return FreeForm(free, scene, gain, left, white, known, held=held)
 

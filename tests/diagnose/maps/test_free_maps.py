@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ffl.diagnose.contest.judging import noise_error
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
@@ -256,6 +257,27 @@ def test_a_map_by_position_is_known_again_once_the_loop_has_forgotten_what_was_b
     assert not known[2000:2110].any()
     assert known[-1000:].all()
     assert where_known(FreeModel(model), x, scene).all()
+
+
+def test_what_a_map_missed_by_far_outside_is_waited_for_until_noise_hides_it(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
+    scene, _, model = scenes([run])
+    term = next(t for t in TERMS if t.name == "position")
+    ranges = {"x": (-0.01, 0.01), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 1.0)}
+    part = Part(term, Place("force", "sensor"), np.zeros(len(term.knots(ranges))), ranges)
+    x, force = np.zeros(6000), np.zeros(6000)
+    x[2000:2100] = 0.02
+    force[2000:2100] = 5.0
+    missed = scene.loop.process_sensitivity.filter(force)
+    free = FreeModel(model, (part,))
+    known = where_known(free, x, scene, missed)
+    noise = np.sqrt(noise_error(scene, scene) / scene.samples)
+    assert np.abs(missed[known]).max() < noise < np.abs(missed[where_known(free, x, scene)]).max()
+    assert known[-1000:].all()
+    hidden = missed * noise / np.abs(missed).max()
+    assert np.array_equal(where_known(free, x, scene, hidden), where_known(free, x, scene))
 
 
 def test_what_a_map_gains_is_held_against_what_it_could_over_the_same_rival(
