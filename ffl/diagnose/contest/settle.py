@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from ffl.diagnose.contest.believed import stays_in_a_believed_model
 from ffl.diagnose.contest.evenly import of_its_mass
 from ffl.diagnose.contest.judging import (
     PER_NUMBER,
@@ -113,6 +114,7 @@ def settle(
             f"{without.held_out - current.held_out:+.1f} held out"
         )
         worthy = stays(current, without, KEEP)
+        worthy = worthy or stays_in_a_believed_model(quiet, current, without, KEEP)
         if not worthy and (len(current.model.effects) > 1 or EFFECTS[name].scan):
             # A free run that goes its own way may gain hundreds by chance, the best sine of thousands 44.
             current = _in_another_form(quiet, held, current, without, index, steps, say)

@@ -37,7 +37,7 @@ from ffl.diagnose.predict.joining import (
 )
 from ffl.diagnose.predict.moving import bracketed, doubted, gap_at, moved, vague
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
-from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, massless, unexplained
+from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, followed, massless, unexplained
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
@@ -71,6 +71,8 @@ def with_loose_head(
     scene = replace(scene, noise=partly_coloured(prior))
     left = scene.residuals(standing.model)
     if left is not None and not unexplained(scene, left, told, prior):
+        return outcome
+    if left is not None and followed(scene, left, told):
         return outcome
     say("a play of what is measured is looked for from sample to sample")
     scene, sines = humming(scene, told)

@@ -23,7 +23,14 @@ from ffl.diagnose.predict.play import (
     settled,
     start,
 )
-from ffl.diagnose.predict.rattling import beyond_prediction, brings, burdened, crossed, unexplained
+from ffl.diagnose.predict.rattling import (
+    beyond_prediction,
+    brings,
+    burdened,
+    crossed,
+    followed,
+    unexplained,
+)
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.recordings import Recording
@@ -303,6 +310,30 @@ def test_a_guess_of_the_force_noise_is_no_statement(rigid):
         model = Model(Base.of(plant, 0.1))
         scene = Scene(plant.loop, (prepare(model.base.simulator, run, 1e-8),), prior)
         assert unexplained(scene, scene.residuals(model), model, prior) is told
+
+
+def test_no_play_is_looked_for_where_free_runs_follow(stage, references, scenes, monkeypatch):
+    """A drag in its place leaves next to nothing of the mismatch, though louder than the stated noise; half
+    of it leaves a quarter."""
+    rng = np.random.default_rng(0)
+    drag = EffectSpec("viscous_friction", {"coefficient": 20.0})
+    machine = SimulatedMachine(replace(stage, effects=(drag,)))
+    runs = [machine.run(r, np.zeros_like(r), rng) for r in references]
+    scene, held, model = scenes(runs)
+    quiet = Noise(0.1 * scene.noise.sensor, 0.1 * scene.noise.force)
+    said: list[str] = []
+    monkeypatch.setattr(prediction, "started", lambda *_: (None, ()))
+    for coefficient, looked in ((20.0, False), (10.0, True)):
+        other = replace(drag, parameters={"coefficient": coefficient})
+        standing = judge(scene, held, model.with_effect(other), 0)
+        left = scene.residuals(standing.model)
+        assert unexplained(replace(scene, noise=quiet), left, model, quiet)
+        assert followed(scene, left, model) is not looked
+        said.clear()
+        prediction.with_rattling(
+            scene, held, Outcome(standing, [], held, {}), model, quiet, said.append
+        )
+        assert bool(said) is looked
 
 
 def test_a_gap_must_say_something_where_all_other_numbers_are_free(plant, rattling):
