@@ -11,6 +11,7 @@ from ffl.machines.simulator import Simulator
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
+FEW, SURELY = 8, 12.0  # samples in which a speed shows, and standard errors by which it does
 SLOW = frozenset({"position", "time", "temperature"})  # a force by these also acts at standstill
 
 
@@ -24,6 +25,19 @@ def winds(simulator: Simulator, effects: Sequence[EffectSpec]) -> bool:
         return False
     closed = simulator.plant.controller is not None
     return closed and any(_stands(spec) or _holds(spec) for spec in effects)
+
+
+def at_speed(y: Array) -> bool:
+    """Whether the output has a speed at the first sample: the line of a parabola through the first few, by
+    many of its standard errors. What stood until then has none, whatever pulls at it. (A stage that a fan
+    shook at 8 mm/s had a hardening spring beside it, and was taken for one at rest: no drift came in.)"""
+    t = np.arange(FEW) / FEW
+    table = np.column_stack([t, np.ones(FEW), t**2])
+    if len(y) < FEW:
+        return False
+    found, rest = np.linalg.lstsq(table, y[:FEW], rcond=None)[:2]
+    variance = float(rest[0]) / (FEW - 3) * float(np.linalg.inv(table.T @ table)[0, 0])
+    return bool(found[0] ** 2 > SURELY**2 * variance)
 
 
 def springs_back(simulator: Simulator) -> bool:

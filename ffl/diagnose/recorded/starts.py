@@ -11,7 +11,7 @@ import numpy as np
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.whitening import Whitener
-from ffl.diagnose.recorded.resting import springs_back, winds
+from ffl.diagnose.recorded.resting import at_speed, springs_back, winds
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.effects.drift import SETTLES
@@ -62,7 +62,8 @@ def _started(model: Model, trial: Trial, whitener: Whitener, rounds: int) -> Tri
 def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     """The trial, or as it begins in motion where its first second says so: nothing holds a machine with
     a dead zone or play where its reference stands still."""
-    if trial.adrift is None or winds(model.base.simulator, model.acting):
+    wound = winds(model.base.simulator, model.acting)
+    if trial.adrift is None or (wound and not at_speed(trial.y)):
         return trial  # what winds springs up, or lets them go, is told apart by `_stood`
     start, doubt = trial.adrift
     other = trial.start, trial.doubt

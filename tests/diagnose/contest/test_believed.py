@@ -35,7 +35,7 @@ def seen(two_masses, references):
 
 @pytest.mark.parametrize(("times", "kept"), [(1.0, True), (-1.0, False)])
 def test_an_effect_stays_that_a_mode_hid_from_who_judges(seen, times, kept):
-    """A drag in its place, and one that pushes, which only a fault could have told the fitted recordings."""
+    """A drag in its place, and one that pushes, said to fit the recordings as well."""
     scene, held, model = seen[:3]
     size = {"coefficient": times * seen[3].parameters["coefficient"]}
     model = replace(model, corrections=OFF)

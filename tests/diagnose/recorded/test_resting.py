@@ -10,8 +10,9 @@ from ffl.diagnose.hypothesis.linear import carried
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.prove import run_plant
+from ffl.diagnose.recorded.resting import at_speed
 from ffl.diagnose.recorded.starts import with_starts
-from ffl.diagnose.recorded.trials import prepare
+from ffl.diagnose.recorded.trials import prepare, starts_at_rest
 from ffl.machines import SimulatedMachine
 from ffl.systems import EffectSpec, Move, moves
 
@@ -86,3 +87,40 @@ def test_a_state_carried_to_the_same_plant_is_itself(plant):
     mechanics = Base.of(plant, 0.1).simulator.mechanics
     state = np.random.default_rng(1).standard_normal(mechanics.own)
     np.testing.assert_allclose(carried(state, mechanics, mechanics), state, rtol=1e-9)
+
+
+def test_what_shakes_where_its_reference_rests_began_in_motion(plant):
+    """A fan shakes it at 8 mm/s, beside a spring that would be wound up if it stood."""
+    effects = (
+        EffectSpec("hardening_spring", {"cubic_coefficient": 1e4, "centre": 0.01}),
+        EffectSpec("periodic_disturbance", {"amplitude": 9.0, "frequency": 6.3, "phase": 0.7}),
+    )
+    reference = moves([Move(2.0, 0.03, 0.2, 3.0, 150.0)], 2.5, STEP)
+    machine = SimulatedMachine(replace(plant, effects=effects))
+    run = machine.run(reference, 0 * reference, np.random.default_rng(0))
+    base = Base.of(plant, 0.1)
+    model = Model(base, effects=effects)
+    turns = [k for k in range(300, 700) if starts_at_rest(run[k:]) and at_speed(run.y[k:])]
+    trial = prepare(base.simulator, run[turns[0] :], 1e-6)
+    assert trial.at_rest
+    settled = with_starts(Scene(plant.loop, (trial,), NOISE), model)
+    assert not settled.trials[0].at_rest
+    (left,) = settled.residuals(model)
+    assert np.mean(settled.whiten([left])[:300] ** 2) < 1.5
+
+
+def test_no_speed_is_seen_in_noise_nor_where_something_is_let_go():
+    t, noise = np.arange(8) * STEP, np.random.default_rng(0)
+    seen = [at_speed(1e-6 * noise.standard_normal(8)) for _ in range(3000)]
+    assert np.mean(seen) < 1e-3
+    for rate in (
+        30.0,
+        100.0,
+        400.0,
+        1000.0,
+    ):  # rad/s: a spring that is let go, with noise and without
+        let_go = 1e-3 * (1.0 - np.cos(rate * t))
+        assert not at_speed(let_go)
+        assert not at_speed(let_go + 1e-6 * noise.standard_normal(8))
+    assert at_speed(8e-3 * t + 0.5 * t**2 + 2e-7 * noise.standard_normal(8))
+    assert not at_speed(t[:7])
