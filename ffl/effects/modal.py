@@ -106,20 +106,23 @@ def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
 
 
 def _logarithm(block: Array) -> Array:
-    """L with exp(L) = block, (n, n), by balanced square roots B^(1/2^k) = I + E near the identity,
+    """L with exp(L) = block, (n, n), by square roots B^(1/2^k) = I + E of its balanced Schur form B,
+    near the identity,
 
         log B = 2^k int_0^1 E (I + x E)^-1 dx,
 
     that integral exact to rounding by Gauss's rule, and Newton steps for the digits that roots lose."""
     balanced, (scale, _) = scipy.linalg.matrix_balance(block, permute=False, separate=True)
-    unit, root, doubled = np.eye(len(block)), balanced, 1.0
+    form, turn = scipy.linalg.schur(balanced)
+    unit, root, doubled = np.eye(len(block)), form, 1.0
     while np.abs(root - unit).sum(axis=0).max() > NEAR and doubled < MOST:
         root, doubled = np.real(scipy.linalg.sqrtm(root)), 2.0 * doubled
     parts = np.linalg.solve(unit + NODES[:, None, None] * (root - unit), root - unit)
     log = doubled * np.einsum("k,kij->ij", WEIGHTS, parts)
+    log = turn @ log @ turn.T
     for _ in range(2):
         log = log + scipy.linalg.expm(-log) @ balanced - unit
-    return scale[:, None] * log / scale
+    return scale[:, None] * log / scale  # type: ignore[no-any-return]
 
 
 def _without_delay(system: Zpk | StateSpace) -> tuple[int, StateSpace]:

@@ -20,7 +20,7 @@ OFF = {"mode_1_frequency": 0.012, "mode_1_damping": 0.2}  # what the form of a f
 @pytest.fixture(scope="module")
 def seen(two_masses, references):
     """(scene of moves, of a multisine, drag) of a machine with a drag."""
-    drag = EffectSpec("quadratic_drag", {"coefficient": 20.0}, {"side": "motor"})
+    drag = EffectSpec("quadratic_drag", {"coefficient": 60.0}, {"side": "motor"})
     rng, base = np.random.default_rng(3), Base.of(two_masses)
     device = SimulatedMachine(replace(two_masses, effects=(drag,)))
     shaken = multisine((1.0, 90.0), 2e-3, 4.0, two_masses.sample_time, rng, 0.1)
