@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import warnings
 
 import numpy as np
 import scipy.linalg
@@ -14,9 +15,6 @@ from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
 
 FAST_POLE = 1e-6  # a pole nearer to the origin of the z plane is part of a delay, not of mechanics
-NEAR, MOST = 0.25, 2.0**40  # to the identity, where the rule below is exact; roots taken until then
-NODES, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
-NODES = NODES + 0.5  # of (0, 1)
 APART = 1e-5  # of a pole by itself: its left vector times its right one
 
 _TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?"
@@ -106,23 +104,12 @@ def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
 
 
 def _logarithm(block: Array) -> Array:
-    """L with exp(L) = block, (n, n), by square roots B^(1/2^k) = I + E of its balanced Schur form B,
-    near the identity,
-
-        log B = 2^k int_0^1 E (I + x E)^-1 dx,
-
-    that integral exact to rounding by Gauss's rule, and Newton steps for the digits that roots lose."""
-    balanced, (scale, _) = scipy.linalg.matrix_balance(block, permute=False, separate=True)
-    form, turn = scipy.linalg.schur(balanced)
-    unit, root, doubled = np.eye(len(block)), form, 1.0
-    while np.abs(root - unit).sum(axis=0).max() > NEAR and doubled < MOST:
-        root, doubled = np.real(scipy.linalg.sqrtm(root)), 2.0 * doubled
-    parts = np.linalg.solve(unit + NODES[:, None, None] * (root - unit), root - unit)
-    log = doubled * np.einsum("k,kij->ij", WEIGHTS, parts)
-    log = turn @ log @ turn.T
-    for _ in range(2):
-        log = log + scipy.linalg.expm(-log) @ balanced - unit
-    return scale[:, None] * log / scale  # type: ignore[no-any-return]
+    """L with exp(L) = block, (n, n). That of a defective matrix loses digits, of which scipy warns; one
+    Newton step brings them back."""
+    with _LOCK, warnings.catch_warnings():  # filters are shared by all threads
+        warnings.filterwarnings("ignore", "logm result may be inaccurate", RuntimeWarning)
+        log = np.real(scipy.linalg.logm(block))
+    return log + scipy.linalg.expm(-log) @ block - np.eye(len(block))
 
 
 def _without_delay(system: Zpk | StateSpace) -> tuple[int, StateSpace]:
