@@ -15,7 +15,7 @@ from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
 
 FAST_POLE = 1e-6  # a pole nearer to the origin of the z plane is part of a delay, not of mechanics
-APART = 1e-5  # of a pole by itself: its left vector times its right one
+
 
 _TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?"
 _WAY = r"(k|d|c|m|µ|μ|u|n)?m|in|inch|ft|mi|ticks?|counts?|inc|steps?"
@@ -158,13 +158,13 @@ def _split_fast(ss: StateSpace) -> tuple[StateSpace, StateSpace]:
 
 def _modes(a: Array, b: Array, c: Array) -> tuple[tuple[Mode, ...], float]:
     """The rigid body (slowest pair of poles), one mode per further pair, and the rigid body's sign."""
-    poles, left, right = _eigen(a)
+    poles = np.linalg.eigvals(a) if len(a) else np.zeros(0, complex)
     groups = _pairs(poles)
     modes: list[Mode] = []
     rigid_sign = 0.0
     scale = max(1.0, float(np.abs(poles).max(initial=0.0)))
     for group in groups:
-        projector, basis = _own(poles, left, right, group) or _projector(a, group, poles, scale)
+        projector, basis = _projector(a, group, poles, scale)
         position, velocity = c @ projector, c @ projector @ a
         numerator = float(velocity @ b - group.sum().real * (position @ b))
         seen = np.vstack([position @ basis, velocity @ basis])
@@ -203,27 +203,6 @@ def _pairs(poles: np.ndarray) -> list[np.ndarray]:
     pairs = [np.array([p, p.conjugate()]) for p in upper]
     pairs += [real[k : k + 2] for k in range(0, len(real) - 1, 2)]
     return sorted(pairs, key=lambda pair: float(np.abs(pair).max()))
-
-
-def _eigen(a: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poles (n,), left and right eigenvectors (n, n)."""
-    if not len(a):
-        return np.zeros(0, complex), np.zeros((0, 0)), np.zeros((0, 0))
-    return scipy.linalg.eig(a, left=True, right=True)  # type: ignore[no-any-return]
-
-
-def _own(
-    poles: np.ndarray, left: np.ndarray, right: np.ndarray, group: np.ndarray
-) -> tuple[Array, Array] | None:
-    """As `_projector`, of poles that have vectors of their own: sum v w'/(w'v). None of others."""
-    at = [int(np.argmin(np.abs(poles - p))) for p in group]
-    v, w = right[:, at], left[:, at].conj()
-    products = np.sum(v * w, axis=0)
-    if at[0] == at[1] or np.abs(products).min() < APART:
-        return None
-    pair = abs(poles[at[0]].imag) > 0.0
-    basis = np.column_stack([v[:, 0].real, v[:, 0].imag]) if pair else v.real
-    return ((v / products) @ w.T).real, np.linalg.qr(basis)[0]
 
 
 def _projector(a: Array, group: np.ndarray, poles: np.ndarray, scale: float) -> tuple[Array, Array]:
