@@ -50,14 +50,9 @@ def _believed(quiet: Scene, judged: Judged) -> Judged | None:
         columns = held.whiten_stacked(jacobian(held, model, left, chosen=own))
         if not np.all(np.isfinite(columns)):
             break
-        table = np.vstack([columns, np.diag(1.0 / belief)])
-        q, r = np.linalg.qr(table * belief)
-        theta[own] += (
-            belief
-            * np.linalg.lstsq(r, q.T @ np.concatenate([white, -theta[own] / belief]), rcond=1e-12)[
-                0
-            ]
-        )
+        table = np.vstack([columns * belief, np.eye(len(own))])
+        wanted = np.concatenate([white, -theta[own] / belief])
+        theta[own] += belief * np.linalg.lstsq(table, wanted, rcond=1e-12)[0]
         moved = model.at(theta)
         now = held.residuals(moved)
         there = white if now is None else held.whiten(now)

@@ -113,8 +113,8 @@ def settle(
             f"  without {name}: {without.fitted - current.fitted:+.1f} fitted, "
             f"{without.held_out - current.held_out:+.1f} held out"
         )
-        worthy = stays(current, without, KEEP)
-        worthy = worthy or stays_in_a_believed_model(quiet, current, without, KEEP)
+        pair = (current, without, KEEP)
+        worthy = stays(*pair) or stays_in_a_believed_model(quiet, *pair)
         if not worthy and (len(current.model.effects) > 1 or EFFECTS[name].scan):
             # A free run that goes its own way may gain hundreds by chance, the best sine of thousands 44.
             current = _in_another_form(quiet, held, current, without, index, steps, say)

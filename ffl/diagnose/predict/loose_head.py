@@ -70,9 +70,9 @@ def with_loose_head(
         return outcome
     scene = replace(scene, noise=partly_coloured(prior))
     left = scene.residuals(standing.model)
-    if left is not None and not unexplained(scene, left, told, prior):
-        return outcome
-    if left is not None and followed(scene, left, told):
+    if left is not None and (
+        not unexplained(scene, left, told, prior) or followed(scene, left, told)
+    ):
         return outcome
     say("a play of what is measured is looked for from sample to sample")
     scene, sines = humming(scene, told)

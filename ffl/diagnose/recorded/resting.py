@@ -31,13 +31,13 @@ def at_speed(y: Array) -> bool:
     """Whether the output has a speed at the first sample: the line of a parabola through the first few, by
     many of its standard errors. What stood until then has none, whatever pulls at it. (A stage that a fan
     shook at 8 mm/s had a hardening spring beside it, and was taken for one at rest: no drift came in.)"""
-    t = np.arange(FEW) / FEW
-    table = np.column_stack([t, np.ones(FEW), t**2])
     if len(y) < FEW:
         return False
-    found, rest = np.linalg.lstsq(table, y[:FEW], rcond=None)[:2]
-    variance = float(rest[0]) / (FEW - 3) * float(np.linalg.inv(table.T @ table)[0, 0])
-    return bool(found[0] ** 2 > SURELY**2 * variance)
+    t, first = np.arange(FEW) / FEW, y[:FEW]
+    q = np.linalg.qr(np.column_stack([np.ones(FEW), t**2, t]))[0]
+    told = q.T @ first
+    rest = first - q @ told
+    return bool(told[-1] ** 2 > SURELY**2 * (rest @ rest) / (FEW - 3))
 
 
 def springs_back(simulator: Simulator) -> bool:

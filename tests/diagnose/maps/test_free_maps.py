@@ -242,36 +242,37 @@ def test_terms_that_undo_one_another_are_no_formula():
     assert not _cancel([sign, line], z, r, bump)
 
 
-def test_a_map_by_position_is_known_again_once_the_loop_has_forgotten_what_was_beyond(
-    stage, references, scenes
-):  # type: ignore[no-untyped-def]
+def seen_within_a_centimetre(stage, references, scenes):  # type: ignore[no-untyped-def]
+    """A scene, and a map by position that was fitted up to 0.01 m either way."""
     run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
     scene, _, model = scenes([run])
     term = next(t for t in TERMS if t.name == "position")
     ranges = {"x": (-0.01, 0.01), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 1.0)}
     part = Part(term, Place("force", "sensor"), np.zeros(len(term.knots(ranges))), ranges)
+    return scene, FreeModel(model, (part,))
+
+
+def test_a_map_by_position_is_known_again_once_the_loop_has_forgotten_what_was_beyond(
+    stage, references, scenes
+):  # type: ignore[no-untyped-def]
+    scene, free = seen_within_a_centimetre(stage, references, scenes)
     x = np.zeros(6000)
     x[2000:2100] = 0.02
-    known = where_known(FreeModel(model, (part,)), x, scene)
+    known = where_known(free, x, scene)
     assert known[:2000].all()
     assert not known[2000:2110].any()
     assert known[-1000:].all()
-    assert where_known(FreeModel(model), x, scene).all()
+    assert where_known(FreeModel(free.model), x, scene).all()
 
 
 def test_what_a_map_missed_by_far_outside_is_waited_for_until_noise_hides_it(
     stage, references, scenes
 ):  # type: ignore[no-untyped-def]
-    run = recorded(stage, references[0], 5, force=lambda x, v: 0.0 * x)
-    scene, _, model = scenes([run])
-    term = next(t for t in TERMS if t.name == "position")
-    ranges = {"x": (-0.01, 0.01), "v": (-1.0, 1.0), "u": (-1.0, 1.0), "step": (1e-3, 1.0)}
-    part = Part(term, Place("force", "sensor"), np.zeros(len(term.knots(ranges))), ranges)
+    scene, free = seen_within_a_centimetre(stage, references, scenes)
     x, force = np.zeros(6000), np.zeros(6000)
     x[2000:2100] = 0.02
     force[2000:2100] = 5.0
     missed = scene.loop.process_sensitivity.filter(force)
-    free = FreeModel(model, (part,))
     known = where_known(free, x, scene, missed)
     noise = np.sqrt(noise_error(scene, scene) / scene.samples)
     assert np.abs(missed[known]).max() < noise < np.abs(missed[where_known(free, x, scene)]).max()

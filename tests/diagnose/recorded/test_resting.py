@@ -113,12 +113,7 @@ def test_no_speed_is_seen_in_noise_nor_where_something_is_let_go():
     t, noise = np.arange(8) * STEP, np.random.default_rng(0)
     seen = [at_speed(1e-6 * noise.standard_normal(8)) for _ in range(3000)]
     assert np.mean(seen) < 1e-3
-    for rate in (
-        30.0,
-        100.0,
-        400.0,
-        1000.0,
-    ):  # rad/s: a spring that is let go, with noise and without
+    for rate in (30.0, 100.0, 400.0, 1000.0):  # rad/s: a spring, with noise and without
         let_go = 1e-3 * (1.0 - np.cos(rate * t))
         assert not at_speed(let_go)
         assert not at_speed(let_go + 1e-6 * noise.standard_normal(8))
