@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
 from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, LINE, NAMES, own_damping
+from ffl.diagnose.hypothesis.linear import APART, changed_stiffness
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
+from ffl.systems.state_space import Array
 
 HARDLY = 1e-3  # of a sample: a delay or lag below it is no news to anybody
 NO_NEWS = 1e-6  # of what the plant file has: a change that no engineer would make
+SHARES = ("mass", "damping", "stiffness", APART)  # what y per u at rest, or a stiffness, hangs on
+STEP = 1e-2  # of a change that matters: over which a slope is taken
 AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 
@@ -24,7 +30,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
     damping = own_damping(standing.model)
     process = standing.model.base.is_process
     if process:
-        out += _gain_at_rest(standing)
+        out += _at_rest(standing)
     for c, spread in zip(standing.model.coordinates, standing.spread, strict=True):
         if c.kind == "given" and c.place is None:
             out += _of_stated(standing.model, c.effect, c.name, spread, c.log)
@@ -33,7 +39,7 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
             error = float(spread / plant.sample_time)
             if value > max(3.0 * error, HARDLY):
                 out.append(ModelCorrection(spec.name, value, error, "samples"))
-        if c.kind != "correction" or (process and c.name == "mass"):
+        if c.kind != "correction" or (process and c.name in ("mass", APART)):
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))
         if abs(value) >= 3.0 * spread:
@@ -46,7 +52,10 @@ def beside_maps(model: Model) -> tuple[ModelCorrection, ...]:
     """Those of a `model` that has maps in it, beyond the contract's line, with no error of their own: what
     of a number is the map's slope nobody can tell."""
     damping = own_damping(model)
-    told = [_told(name, value, None, damping) for name, value in model.corrections.items()]
+    values = {k: v for k, v in model.corrections.items() if k != APART}
+    if APART in model.corrections:
+        values["stiffness"] = changed_stiffness(model.base.simulator.mechanics, model.corrections)
+    told = [_told(name, value, None, damping) for name, value in values.items()]
     return tuple(c for c in told if c.unit or abs(c.relative) > LINE)
 
 
@@ -81,16 +90,35 @@ def as_gain(standing: Judged) -> float | None:
     return 1.0 / (1.0 + value) - 1.0 if sure and alike and told else None
 
 
-def _gain_at_rest(standing: Judged) -> list[ModelCorrection]:
-    """Of two lags, y per u at rest: what mass and stiffness are there together."""
+def _at_rest(standing: Judged) -> list[ModelCorrection]:
+    """Of lags in a row, y per u at rest, which mass and stiffness are there together, and of two lags the
+    stiffness, which is the product of their rates: by the slopes of both in the numbers that are free."""
+    model, mechanics = standing.model, standing.model.base.simulator.mechanics
     names = [c.name if c.kind == "correction" else "" for c in standing.model.coordinates]
-    at = [names.index(name) for name in ("mass", "stiffness") if name in names]
-    whole = [1.0 + standing.model.corrections.get(n, 0.0) for n in ("mass", "stiffness")]
-    gain = 1.0 / float(np.prod(whole))
-    slope = np.array([-gain / (1.0 + standing.model.corrections.get(names[k], 0.0)) for k in at])
-    error = float(np.sqrt(max(slope @ standing.fit.covariance[np.ix_(at, at)] @ slope, 0.0)))
-    found = bool(at) and abs(gain - 1.0) >= 3.0 * error
-    return [ModelCorrection("gain", gain - 1.0, error)] if found else []
+    free = {c.name: c.scale for c in model.base.corrections if c.name in names and c.name in SHARES}
+    if not free:
+        return []
+
+    def told(moved: Mapping[str, float]) -> Array:
+        stiffness = changed_stiffness(mechanics, moved)
+        return np.array(
+            [1.0 / ((1.0 + moved.get("mass", 0.0)) * (1.0 + stiffness)) - 1.0, stiffness]
+        )
+
+    values = {**dict.fromkeys(free, 0.0), **model.corrections}
+    found = told(values)
+
+    def slope(name: str, step: float) -> Array:
+        above, below = (told({**values, name: values[name] + side * step}) for side in (1, -1))
+        return (above - below) / (2.0 * step)
+
+    slopes = np.column_stack([slope(name, STEP * scale) for name, scale in free.items()])
+    at = [names.index(name) for name in free]
+    spread = standing.fit.covariance[np.ix_(at, at)]
+    errors = np.sqrt(np.maximum(np.diag(slopes @ spread @ slopes.T), 0.0))
+    kinds = ("gain", "stiffness") if APART in free else ("gain",)
+    each = zip(kinds, found, errors, strict=False)
+    return [ModelCorrection(n, float(v), float(e)) for n, v, e in each if abs(v) >= 3.0 * e]
 
 
 def _of_stated(model: Model, index: int, name: str, spread: float, log: bool):  # type: ignore[no-untyped-def]

@@ -7,6 +7,9 @@ mass         every residue divided by 1 + value (damping and stiffness of the ri
              divided with it: they stay what they are in newton); of lags in a row: of the gain alone;
 damping      d of the rigid body, value in units of 1/s at nominal mass;
 stiffness    relative change of k of the first mode, where it is bound;
+apart        of a process of two real lags, in place of the stiffness: change of r = (d^2 - 4 k)^(1/2)/d,
+             their rates d (1 +- r)/2. Stages are told by these, which are smooth in d and r and begin
+             like a root in k where two lags become one;
 mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode, the numerator of its
              share of y (position and velocity as the sensor sees them) as it was;
 mode_i_share   relative change of that share: of what u makes of the mode;
@@ -32,9 +35,10 @@ from ffl.systems.state_space import Array, StateSpace, series
 from ffl.systems.zpk import Zpk
 
 A_ZERO = 0.005  # of the sum of two lags: a faster zero is that of the hold, or rounding
-WITHOUT_ZERO = "without_zero"
+WITHOUT_ZERO, APART = "without_zero", "apart"
 BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
 LIGHTEST = -0.95  # relative: a mass that also stood for a lag may be many times too large
+NEARLY_ONE = 0.999  # a slower lag of two is as good as an integrator
 KEPT = 64  # corrected simulators: more than one Jacobian asks for
 BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slower than 1 kHz
 
@@ -59,8 +63,8 @@ def modal_terms(mechanics: Mechanics, mode: Mode) -> tuple[float, float]:
     return float(-terms[1]), float(-terms[0])
 
 
-def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
-    """The numbers of this plant that may be slightly wrong."""
+def corrections_of(mechanics: Mechanics, process: bool = False) -> tuple[Correction, ...]:
+    """The numbers of this plant, a `process` or one that may have a mass, that may be slightly wrong."""
     if not mechanics.modes:
         gain = Correction("gain", 0.01, -0.9, 10.0)
         one_lag = mechanics.order == 1 and mechanics.a[0, 0] < 0.0
@@ -71,7 +75,11 @@ def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
     out = [Correction("mass", 0.01, LIGHTEST, 5.0)]
     if stiffness > min(BOUND, BOUND_PER_SAMPLE / mechanics.sample_time) ** 2:
         out.append(Correction("damping", 0.1 * abs(damping) + 1e-3, -abs(damping), 1e4))
-        out.append(Correction("stiffness", 0.01, -0.9, 10.0))
+        if process:
+            apart = _apart(damping, stiffness)
+            out.append(Correction(APART, 0.005, -apart, NEARLY_ONE - apart))
+        else:
+            out.append(Correction("stiffness", 0.01, -0.9, 10.0))
     else:
         out.append(Correction("damping", rate, -abs(damping) - 0.5, 1e4))
     for i in range(1, len(mechanics.modes)):
@@ -79,6 +87,20 @@ def corrections_of(mechanics: Mechanics) -> tuple[Correction, ...]:
         out.append(Correction(f"mode_{i}_damping", 0.2, -0.9, 20.0))
         out.append(Correction(f"mode_{i}_share", 0.005, -0.3, 0.3, asked=True))
     return tuple(out)
+
+
+def _apart(damping: float, stiffness: float) -> float:
+    """(r1 - r2)/(r1 + r2) of the rates of two real lags."""
+    return float(np.sqrt(max(1.0 - 4.0 * stiffness / damping**2, 0.0)))
+
+
+def changed_stiffness(mechanics: Mechanics, values: Mapping[str, float]) -> float:
+    """Relative change of k of the first mode."""
+    if APART not in values:
+        return values.get("stiffness", 0.0)
+    damping, stiffness = modal_terms(mechanics, mechanics.modes[0])
+    apart = _apart(damping, stiffness) + values[APART]
+    return (0.5 * (damping + values.get("damping", 0.0))) ** 2 * (1.0 - apart**2) / stiffness - 1.0
 
 
 def has_zero(mechanics: Mechanics) -> bool:
@@ -121,8 +143,10 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
         push = mode.force / mode.residue
         if i == 0:
             new_d = (damping + values.get("damping", 0.0)) * gain
-            new_k = stiffness * (1.0 + values.get("stiffness", 0.0)) * gain
-            if "stiffness" in values and len(lags(mechanics)):  # a process has a gain, not a mass
+            new_k = stiffness * (1.0 + changed_stiffness(mechanics, values)) * gain
+            if {"stiffness", APART} & values.keys() and len(
+                lags(mechanics)
+            ):  # a process has a gain, not a mass
                 new_d, new_k = new_d / gain, new_k / gain
         else:
             w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)

@@ -70,8 +70,8 @@ class Base:
         passing: tuple[float, float] = EVERYTHING,
     ) -> Base:
         simulator = Simulator(plant)
-        corrections = corrections_of(simulator.mechanics)
-        return cls(plant, simulator, corrections, travel, until, limit, observed, passing)
+        base = cls(plant, simulator, (), travel, until, limit, observed, passing)
+        return replace(base, corrections=corrections_of(simulator.mechanics, base.is_process))
 
     def like(self, plant: Plant) -> Base:
         """The same recordings of another plant, at no limit."""

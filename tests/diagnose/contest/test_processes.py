@@ -9,7 +9,6 @@ import pytest
 import scipy.signal
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.hypothesis.linear import corrections_of
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.recorded.clip import clipping
 from ffl.diagnose.recorded.signs import looks_folded
@@ -143,7 +142,7 @@ def test_slow_process_with_a_dead_zone():
         u = np.repeat(rng.uniform(-30.0, 30.0, 50), 40)
         y = simulator.run((dead, load), feedforward=u, start=_rest(simulator, 30.0)).y
         made.append(open_loop(u, y + 0.01 * rng.standard_normal(len(u)), step))
-    assert [c.name for c in corrections_of(simulator.mechanics)] == ["mass", "damping", "stiffness"]
+    assert [c.name for c in Base.of(plant).corrections] == ["mass", "damping", "apart"]
     answer = diagnose(plant, made[:1], made[1:]).answer()
     assert [e["name"] for e in answer["effects"]][:1] == ["dead_zone"]
     assert answer["effects"][0]["parameters"]["half_width"]["value"] == pytest.approx(6.0, rel=0.03)

@@ -10,8 +10,14 @@ from ffl.diagnose.contest.line import LATE, slight
 from ffl.diagnose.hypothesis.amounts import own_damping
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections
-from ffl.diagnose.hypothesis.linear import corrected, corrected_plant, corrections_of
-from ffl.diagnose.hypothesis.model import Base
+from ffl.diagnose.hypothesis.linear import (
+    changed_stiffness,
+    corrected,
+    corrected_plant,
+    corrections_of,
+)
+from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.effects.cascade import lags
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Plant, Zpk, load_plant
 from ffl.systems.plant_file import plant_from_dict
@@ -62,6 +68,45 @@ def test_zeros_that_were_identified_hold_a_delay_within_a_sample(stage, source, 
     spec = EffectSpec(name, {number: 0.99 * most * plant.sample_time})
     assert slight(spec, plant)
     assert not slight(replace(spec, parameters={number: 1.01 * most * plant.sample_time}), plant)
+
+
+LAGS = Plant("two lags", Zpk([-0.9], [0.93, 0.975], 6e-4, 2.0), input_unit="%", output_unit="degC")
+
+
+@pytest.mark.parametrize("apart", [0.1, 0.0, -0.2, -0.48])
+def test_two_lags_of_a_process_are_corrected_by_how_far_they_lie_apart(apart):
+    """Their rates are d (1 +- r)/2, the gain at rest is the mass's and the stiffness's."""
+    base = Base.of(LAGS)
+    fast, slow = np.sort(-np.log([0.93, 0.975]) / 2.0)[::-1]
+    values = {"mass": 0.25, "damping": 0.1 * (fast + slow), "apart": apart}
+    r = (fast - slow) / (fast + slow) + apart
+    found = corrected(base.simulator.mechanics, values)
+    assert lags(found) == pytest.approx(
+        0.55 * (fast + slow) * np.array([1.0 - r, 1.0 + r]), rel=1e-6
+    )
+    at_rest = [-m.c @ np.linalg.solve(m.a, m.b) for m in (base.simulator.mechanics, found)]
+    stiffness = changed_stiffness(base.simulator.mechanics, values)
+    gain = 1.0 / (1.25 * (1.0 + stiffness))  # but for the zero of the hold
+    assert at_rest[1] / at_rest[0] == pytest.approx(gain, rel=5e-4)
+    assert 1.0 + stiffness == pytest.approx(np.prod(lags(found)) / (fast * slow), rel=1e-6)
+
+
+def test_two_lags_become_one_without_a_kink():
+    """An outflow tells the slow lag from the fast: its y is smooth up to where they are one (as a function
+    of the stiffness it would begin like a root, and a fit got stuck there)."""
+    base = Base.of(LAGS, 1.0)
+    outflow = EffectSpec("outflow", {"empty": -2.0, "centre": 3.0}, {"side": "slow"})
+    u = np.repeat([0.0, 30.0, -20.0], 200)
+    one = next(c.lower for c in base.corrections if c.name == "apart")
+
+    def made(apart: float) -> np.ndarray:
+        model = Model(base, {"mass": 0.0, "damping": 0.0, "apart": apart}, (outflow,))
+        return model.simulator.run((outflow,), feedforward=u).y
+
+    ends = [made(one + step) for step in (0.0, 1e-3, 2e-3)]
+    first, second = ends[1] - ends[0], ends[2] - ends[1]
+    assert np.abs(first).max() > 1e-6
+    np.testing.assert_allclose(second, first, atol=0.03 * np.abs(first).max())
 
 
 AMOUNTS = {"mass": 0.07, "damping": 0.05, "stiffness": 0.05}
