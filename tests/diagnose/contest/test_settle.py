@@ -189,9 +189,11 @@ def test_between_two_of_as_many_numbers_what_is_open_decides_nothing(stage, reco
     moved = own.model.at(own.model.theta + 2.0 * own.fit.spread)
     off = replace(own, fit=replace(own.fit, model=moved), held_out=own.held_out - 80.0)
     wrong = own.model.with_parameters(0, {"level": 4.0})
-    far = replace(own, fit=replace(own.fit, model=wrong), held_out=own.held_out - 80.0)
-    same, less = between(scene, own, [off, far])
+    far = replace(own, fit=replace(own.fit, model=wrong), held_out=own.held_out - 1000.0)
+    near = replace(far, held_out=own.held_out - 1.0)
+    same, less, no_worse = between(scene, own, [off, far, near])
     assert same.held_out == pytest.approx(own.held_out, abs=8.0)
     assert less.held_out < own.held_out - 80.0
+    assert no_worse.held_out == near.held_out  # who is ahead is not more so by what is granted
     more = judge(scene, held, own.model.with_effect(EffectSpec("constant_load", {"force": 0.0})))
     assert between(scene, own, [more]) == [more]
