@@ -130,15 +130,35 @@ def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
 )
 def test_what_explains_all_need_not_fit_better(monkeypatch, fitted, held, verdict, wins):
     """Wrong names fit one wave as well as right ones, and no other."""
+    assert _wins(monkeypatch, fitted, held, verdict, 0.01) is wins
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held", "verdict", "wins"),
+    [
+        (5000.0, 5000.0, "explained", True),
+        (5000.0, 5000.0, "partly_explained", False),
+        (5000.0, 500.0, "explained", False),
+        (500.0, 5000.0, "explained", False),
+    ],
+)
+def test_beside_what_explains_all_by_far_free_runs_say_nothing(
+    monkeypatch, fitted, held, verdict, wins
+):
+    """Of a machine that cogging holds here or there its own free run leaves more than the model's."""
+    assert _wins(monkeypatch, fitted, held, verdict, 0.4) is wins
+
+
+def _wins(monkeypatch, fitted, held, verdict, after):
+    """Whether the observer's diagnosis, so far ahead, is the answer; the model alone leaves 0.3."""
     free, led_by = (
         SimpleNamespace(proof=None),
         SimpleNamespace(verdict=verdict, judged=SimpleNamespace(predicted=False)),
     )
     worth = {id(free): (0.0, 0.0), id(led_by): (fitted, held)}
-    proof = SimpleNamespace(nrmse_before=0.3, nrmse_after=0.01)
+    proof = SimpleNamespace(nrmse_before=0.3, nrmse_after=after)
     monkeypatch.setattr(parting, "_likelihoods", lambda one: worth[id(one)])
     monkeypatch.setattr(parting, "_free_proof", lambda *_: proof)
     monkeypatch.setattr(parting, "replace", lambda again, **changed: "led")
     led_by.notes = ()
-    found = clearer(free, led_by, np.random.default_rng(0))
-    assert (found == "led") is wins
+    return clearer(free, led_by, np.random.default_rng(0)) == "led"
