@@ -144,9 +144,8 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
         if i == 0:
             new_d = (damping + values.get("damping", 0.0)) * gain
             new_k = stiffness * (1.0 + changed_stiffness(mechanics, values)) * gain
-            if {"stiffness", APART} & values.keys() and len(
-                lags(mechanics)
-            ):  # a process has a gain, not a mass
+            bound = "stiffness" in values or APART in values
+            if bound and len(lags(mechanics)):  # a process has a gain, not a mass
                 new_d, new_k = new_d / gain, new_k / gain
         else:
             w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)
