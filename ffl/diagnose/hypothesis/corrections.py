@@ -9,7 +9,8 @@ import numpy as np
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
 from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, LINE, NAMES, own_damping
-from ffl.diagnose.hypothesis.linear import APART, changed_stiffness
+from ffl.diagnose.hypothesis.coordinate import Coordinate
+from ffl.diagnose.hypothesis.linear import APART, Correction, changed_stiffness
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects import EFFECTS
@@ -43,9 +44,13 @@ def corrections(standing: Judged) -> tuple[ModelCorrection, ...]:
             continue
         value = float(standing.model.corrections.get(c.name, 0.0))
         if abs(value) >= 3.0 * spread:
-            ends = any(abs(value - end) < AT_ITS_END * abs(end) for end in (c.lower, c.upper))
+            ends = _at_its_end(c, value)
             out.append(_told(c.name, value, None if ends else float(spread), damping))
     return tuple(c for c in out if abs(c.relative) > NO_NEWS)
+
+
+def _at_its_end(c: Coordinate | Correction, value: float) -> bool:
+    return any(abs(value - end) < AT_ITS_END * abs(end) for end in (c.lower, c.upper))
 
 
 def beside_maps(model: Model) -> tuple[ModelCorrection, ...]:
@@ -95,7 +100,7 @@ def _at_rest(standing: Judged) -> list[ModelCorrection]:
     stiffness, which is the product of their rates: by the slopes of both in the numbers that are free."""
     model, mechanics = standing.model, standing.model.base.simulator.mechanics
     names = [c.name if c.kind == "correction" else "" for c in standing.model.coordinates]
-    free = {c.name: c.scale for c in model.base.corrections if c.name in names and c.name in SHARES}
+    free = {c.name: c for c in model.base.corrections if c.name in names and c.name in SHARES}
     if not free:
         return []
 
@@ -112,13 +117,21 @@ def _at_rest(standing: Judged) -> list[ModelCorrection]:
         above, below = (told({**values, name: values[name] + side * step}) for side in (1, -1))
         return (above - below) / (2.0 * step)
 
-    slopes = np.column_stack([slope(name, STEP * scale) for name, scale in free.items()])
+    slopes = np.column_stack([slope(name, STEP * c.scale) for name, c in free.items()])
     at = [names.index(name) for name in free]
-    spread = standing.fit.covariance[np.ix_(at, at)]
-    errors = np.sqrt(np.maximum(np.diag(slopes @ spread @ slopes.T), 0.0))
+    spread, alone = standing.spread[at], standing.fit.spread[at]
+    # What is left may be no white noise: as much more doubt of all together as of each by itself.
+    more = np.divide(spread, alone, out=np.ones(len(at)), where=np.isfinite(alone) & (alone > 0.0))
+    whole = slopes * more @ standing.fit.covariance[np.ix_(at, at)] @ (slopes * more).T
+    errors = np.sqrt(np.maximum(np.diag(whole), 0.0))
+    ends = APART in free and _at_its_end(free[APART], values[APART])  # where its slope is nothing
     kinds = ("gain", "stiffness") if APART in free else ("gain",)
     each = zip(kinds, found, errors, strict=False)
-    return [ModelCorrection(n, float(v), float(e)) for n, v, e in each if abs(v) >= 3.0 * e]
+    return [
+        ModelCorrection(n, float(v), None if ends else float(e))
+        for n, v, e in each
+        if abs(v) >= 3.0 * e
+    ]
 
 
 def _of_stated(model: Model, index: int, name: str, spread: float, log: bool):  # type: ignore[no-untyped-def]

@@ -17,6 +17,7 @@ from ffl.diagnose.hypothesis.linear import (
     corrections_of,
 )
 from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.result import ModelCorrection
 from ffl.effects.cascade import lags
 from ffl.machines.simulator import Simulator
 from ffl.systems import EffectSpec, Plant, Zpk, load_plant
@@ -89,6 +90,37 @@ def test_two_lags_of_a_process_are_corrected_by_how_far_they_lie_apart(apart):
     gain = 1.0 / (1.25 * (1.0 + stiffness))  # but for the zero of the hold
     assert at_rest[1] / at_rest[0] == pytest.approx(gain, rel=5e-4)
     assert 1.0 + stiffness == pytest.approx(np.prod(lags(found)) / (fast * slow), rel=1e-6)
+
+
+def test_gain_and_stiffness_of_two_lags_are_told_with_all_doubt_of_what_they_hang_on():
+    """As much more of it as coloured misfit makes of each number; none where the lags became one."""
+    base = Base.of(LAGS)
+    free = {c.name: c for c in base.corrections}
+    coordinates = [
+        Coordinate("correction", n, lower=c.lower, upper=c.upper) for n, c in free.items()
+    ]
+
+    def told(apart: float, more: float) -> dict[str, ModelCorrection]:
+        values = {"mass": 0.25, "damping": 0.0, "apart": apart}
+        model = SimpleNamespace(
+            base=base, coordinates=coordinates, corrections=values, effects=(), stated=()
+        )
+        plain = np.array([1e-3, 1e-5, 1e-3])
+        fit = SimpleNamespace(covariance=np.diag(plain**2), spread=plain)
+        found = corrections(SimpleNamespace(model=model, fit=fit, spread=more * plain))  # type: ignore[arg-type]
+        return {c.name: c for c in found}
+
+    once, twice, ended = told(-0.2, 1.0), told(-0.2, 2.0), told(free["apart"].lower, 1.0)
+    assert set(once) == {"gain", "stiffness"}
+    for name, c in once.items():
+        assert twice[name].std_error == pytest.approx(2.0 * c.std_error, rel=1e-9)
+    r = free["apart"].lower
+    slope = 2.0 * abs(-0.2 - r) / (1.0 - r**2)  # of (1 - (r + apart)^2)/(1 - r^2)
+    damping = own_damping(Model(base))
+    assert once["stiffness"].std_error == pytest.approx(
+        np.hypot(1e-3 * slope, 2e-5 / damping * (1.0 + once["stiffness"].relative)), rel=1e-3
+    )
+    assert ended["stiffness"].std_error is None
 
 
 def test_two_lags_become_one_without_a_kink():
