@@ -15,6 +15,7 @@ from ffl.challenge.build import Build
 from ffl.challenge.detect import Lens
 from ffl.challenge.draw import Setup, draw_noise, draw_setup, measure
 from ffl.challenge.faults import FAULTS, spoil
+from ffl.challenge.fitted import fitted, floors_of
 from ffl.challenge.linear import Noise
 from ffl.challenge.oracle import rivals
 from ffl.challenge.outside import OUTSIDE
@@ -189,7 +190,8 @@ def make_case(
             two effects.
         doubt: nominal parameters "careful", "wrong" (still corrections by the contract), "exact".
         fault: a name of FAULTS, what goes wrong in recording.
-        oracle: also find the rivals that the recordings cannot tell from each effect (seconds).
+        oracle: also find the rivals that the recordings cannot tell from each effect, and what the
+            true structure leaves held out once fitted (seconds).
 
     Returns the truth. Raises InputError where the combination cannot be, WorkError where
     no draw of ATTEMPTS gave a sound machine with the concealment asked for.
@@ -227,10 +229,12 @@ def make_case(
     effects = [
         _truth_effect(p, q, setup, t) for p, q, t in zip(parts, parameters, found, strict=True)
     ]
-    recordings, floors = {}, {}
+    recordings, floors, added = {}, {}, []
     if oracle:
         for entry, part in zip(effects, parts, strict=True):
             entry["rivals"] = rivals(setup, part, parts, scales, noise)
+        if not build.random:
+            added = fitted(setup, parts, scales, noise)
     for label, plan in (("fit", setup.fit), ("validate", setup.validate)):
         for k, e in enumerate(plan):
             file = f"{label}_{k + 1}.csv"
@@ -240,10 +244,7 @@ def make_case(
             recordings[file] = (e, y, u)
             if label == "validate" and not build.random:
                 y0, u0 = run(build, setup, e, None)
-                floors[file] = {
-                    "nrmse_after": float(np.std(y - y0) / np.std(y)),
-                    "u_nrmse_after": float(np.std(u - u0) / np.std(u)),
-                }
+                floors[file] = floors_of(y, y0, u, u0, added[k] if added else None)
     truth = {
         "schema": 1,
         "case": name,

@@ -48,7 +48,8 @@ class Verdict:
     location: bool | None
     variables: bool | None  # outside the catalogue: depends_on names a right variable
     parameters: tuple[tuple[str, str, float, float | None], ...]  # effect, name, error, z
-    nrmse_ratio: float | None  # after, over the oracle's
+    nrmse_ratio: float | None  # after, over the oracle's: the true structure, fitted
+    noise_ratio: float | None  # after, over what noise alone leaves
     seconds: float | None
 
 
@@ -105,16 +106,17 @@ def _about(parameters: dict, centre: float) -> dict:
     return {**parameters, "linear_coefficient": slope, "quadratic_coefficient": bend}
 
 
-def _nrmse_ratio(truth: dict, answer: dict) -> float | None:
-    """NRMSE after over the oracle's, of u where feedback makes that of y small."""
+def _nrmse_ratio(truth: dict, answer: dict, left: str) -> float | None:
+    """NRMSE after over what is `left` by noise alone ("after") or by the true structure fitted ("fitted",
+    noise alone in the truths of before), of u where feedback makes that of y small."""
     said, floors = answer.get("validation", {}), list(truth["oracle"].values())
     if not floors or "nrmse_after" not in said:
         return None
-    key = "nrmse_after"
-    if said.get("nrmse_before", 1.0) < 0.05 and "u_nrmse_after" in said:
-        key = "u_nrmse_after"
-    floor = math.sqrt(sum(f[key] ** 2 for f in floors) / len(floors))
-    return said[key] / floor if floor > 0 else None
+    concealed = said.get("nrmse_before", 1.0) < 0.05 and "u_nrmse_after" in said
+    key = "u_nrmse_" if concealed else "nrmse_"
+    each = [f.get(key + left, f[key + "after"]) for f in floors]
+    floor = math.sqrt(sum(f**2 for f in each) / len(each))
+    return said[key + "after"] / floor if floor > 0 else None
 
 
 def _inseparable(effect: dict) -> tuple[str, ...]:
@@ -186,7 +188,8 @@ def judge(truth: dict, record: dict | None) -> Verdict:
         location=location,
         variables=variables,
         parameters=tuple(_parameters(truth, answer)),
-        nrmse_ratio=_nrmse_ratio(truth, answer),
+        nrmse_ratio=_nrmse_ratio(truth, answer, "fitted"),
+        noise_ratio=_nrmse_ratio(truth, answer, "after"),
         seconds=(record or {}).get("seconds"),
     )
 

@@ -23,9 +23,16 @@ class Part:
     seed: int
     size: float
 
+    def generator(self) -> np.random.Generator:
+        """Of the numbers the effect is drawn by."""
+        return np.random.default_rng(self.seed)
+
     def apply(self, build: Build, scales: Scales) -> dict:
+        return self.make(build, self.generator(), scales)
+
+    def make(self, build: Build, rng, scales: Scales) -> dict:
         make = EFFECTS[self.name].make if self.name in EFFECTS else OUTSIDE[self.name].make
-        return make(build, np.random.default_rng(self.seed), scales, self.at, self.size)
+        return make(build, rng, scales, self.at, self.size)
 
 
 def assemble(setup: Setup, parts: list[Part], scales: Scales) -> tuple[Build, list[dict]]:

@@ -63,6 +63,7 @@ class Score:
     f1_micro: float
     f1_macro: float
     nrmse_ratio: tuple[float, float, float]  # median, 85 % quantile, share within 1.2
+    noise_ratio: tuple[float, float, float]  # the same over what noise alone leaves
     seconds: tuple[float, float, float]  # median, mean, max
     confusion_rows: tuple[str, ...]
     confusion_columns: tuple[str, ...]
@@ -91,9 +92,9 @@ def _confusion(rows: Sequence[Verdict]) -> tuple[tuple[str, ...], tuple[str, ...
     return left, right, matrix
 
 
-def _near(rows: Sequence[Verdict]) -> Share:
+def _near(ratios: Iterable[float | None]) -> Share:
     """Of those with an oracle."""
-    return Share.of(v.nrmse_ratio <= 1.2 for v in rows if v.nrmse_ratio is not None)
+    return Share.of(ratio <= 1.2 for ratio in ratios if ratio is not None)
 
 
 def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Score:
@@ -122,7 +123,13 @@ def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Sco
         "several: exact, or the inseparable listed": Share.of(v.told for v in several),
         "main effect named, several": Share.of(v.true[0] in v.named for v in several),
         **{
-            f"held-out error within 1.2 of the oracle's, {k}": _near(kinds[k])
+            f"held-out error within 1.2 of the oracle's, {k}": _near(
+                v.nrmse_ratio for v in kinds[k]
+            )
+            for k in ("single", "several")
+        },
+        **{
+            f"held-out error within 1.2 of the noise, {k}": _near(v.noise_ratio for v in kinds[k])
             for k in ("single", "several")
         },
         "family, all": Share.of(v.family for v in effects),
@@ -164,12 +171,19 @@ def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Sco
         for effect, name, error, z in v.parameters:
             errors.setdefault(f"{effect}.{name}", []).append(error)
             scores += [] if z is None else [z < 2]
-    ratios = [v.nrmse_ratio for v in effects if v.nrmse_ratio is not None]
     seconds = [v.seconds for v in rows if v.seconds is not None]
     left, right, matrix = _confusion(rows)
 
     def figures(values, *statistics):
         return tuple(float(s(values)) if values else float("nan") for s in statistics)
+
+    def over(ratios):
+        return figures(
+            [x for x in ratios if x is not None],
+            np.median,
+            lambda x: np.quantile(x, 0.85),
+            lambda x: np.mean(np.array(x) <= 1.2),
+        )
 
     return Score(
         root,
@@ -186,12 +200,8 @@ def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Sco
         Share.of(scores),
         _f1(true, named),
         float(np.mean(macro)) if macro else float("nan"),
-        figures(
-            ratios,
-            np.median,
-            lambda x: np.quantile(x, 0.85),
-            lambda x: np.mean(np.array(x) <= 1.2),
-        ),
+        over(v.nrmse_ratio for v in effects),
+        over(v.noise_ratio for v in effects),
         figures(seconds, np.median, np.mean, np.max),
         left,
         right,

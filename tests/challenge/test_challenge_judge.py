@@ -78,3 +78,26 @@ def test_of_several_what_nobody_can_tell_apart_is_told_by_both_names(names, exac
     }  # fmt: skip
     found = judge(truth, said(**names))
     assert (found.exact, found.told, found.right) == (exact, told, exact)
+
+
+def test_what_is_left_is_held_against_the_oracle_and_against_the_noise():
+    floors = {
+        "nrmse_after": 0.01,
+        "nrmse_fitted": 0.02,
+        "u_nrmse_after": 0.1,
+        "u_nrmse_fitted": 0.1,
+    }
+    truth = {"kind": "single", "machine": "rigid", "concealment": "none", "effects": TWO[:1],
+             "case": "c", "oracle": {"validate_1.csv": floors}}  # fmt: skip
+    answer = said(constant_load=(0.97, []))
+    answer["answer"]["validation"] = {
+        "nrmse_before": 0.5,
+        "nrmse_after": 0.02,
+        "u_nrmse_after": 0.3,
+    }
+    verdict = judge(truth, answer)
+    assert (verdict.nrmse_ratio, verdict.noise_ratio) == pytest.approx((1.0, 2.0))
+    answer["answer"]["validation"]["nrmse_before"] = 0.01  # concealed by feedback: u shows it
+    assert judge(truth, answer).noise_ratio == pytest.approx(3.0)
+    del floors["nrmse_fitted"], floors["u_nrmse_fitted"]  # a truth of before
+    assert judge(truth, answer).nrmse_ratio == pytest.approx(3.0)
