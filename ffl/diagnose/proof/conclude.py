@@ -30,6 +30,7 @@ from ffl.diagnose.proof.verdict import (
     BEYOND,
     LOUD,
     LOUDER,
+    UNDECIDED,
     in_their_state,
     is_unlike,
     loudness,
@@ -334,7 +335,7 @@ def _advice(
             begin = "begin with ffl identify linear"
         return (f"fit and judge by recordings over the same range, or {begin}",)
     out = [] if experiment is None else [experiment.advice]
-    if said == "inconclusive":
+    if said == "inconclusive" and not place.where.startswith(UNDECIDED):
         out.append(
             "what is left is louder than the noise that the plant file states, and nothing of the "
             "catalogue explains it: record standstill for the noise, and slow moves with reversals"

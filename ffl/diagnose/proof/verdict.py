@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.contest.judging import Judged, effective
+from ffl.diagnose.contest.line import astray
 from ffl.diagnose.maps.freeform import FreeForm
 from ffl.diagnose.maps.unnamed import Contest, component_of
 from ffl.diagnose.noise.lost import mean_power
@@ -29,6 +30,7 @@ STRUCTURED = 1.5
 # Times what noise alone leaves of held-out free runs, from which they say that structure remains, however
 # white it is: a sensor with a bent scale explained as a gain by position left 3.9 times that.
 BEYOND = 2.5
+UNDECIDED = "the model would have"  # numbers that stand for what is missing, if anything is
 DIGITS = 1e-9  # of y's range: what is left below that is rounding
 # nrmse of the best model above which it is another machine, and a map's share of a larger one: free runs of
 # a printer whose guide warms up are 195 % off, and 62 % with the map.
@@ -65,6 +67,13 @@ def verdict(
     excess = loudness(plant, standing)
     if excess > LOUD:
         return "inconclusive", where.Place("", f"noise {excess:.2g} times as loud as stated", ())
+    if numbers := astray(standing):
+        off = [
+            f"{n} {100.0 * s:.2g} %{'' if n == 'mass' else ' of the force'}"
+            for n, s in numbers.items()
+        ]
+        said = f"{UNDECIDED} {' and '.join(off)} off: more than a number, and no effect that holds"
+        return "inconclusive", where.Place("plant", said, ())
     return "nothing_missing", where.Place("", "", ())
 
 

@@ -14,13 +14,16 @@ from ffl.diagnose.contest.line import (
     _without_idle,
     across_the_line,
     against_the_refused,
+    astray,
     on_the_line,
 )
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import claims, of_its_own, sizes
 from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.maps.unnamed import Contest
 from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.proof.verdict import verdict
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
 from ffl.recordings import Recording
@@ -292,3 +295,26 @@ def test_a_faint_drag_is_told_or_listed_beside_a_damper(stage, record, coefficie
     assert finding.name == ("quadratic_drag" if first else "viscous_friction")
     assert told["quadratic_drag"] > 0.4
     assert finding.confidence < 0.9
+
+
+@pytest.mark.parametrize(
+    ("off", "said"), [({"mass": 0.3}, "mass"), ({"mass": 0.03}, ""), ({"mass": 0.0}, "")]
+)
+def test_a_number_far_off_that_no_effect_bears_out_is_not_passed_over(stage, record, off, said):  # type: ignore[no-untyped-def]
+    """Twice the line and surely beyond it: "nothing missing" would be wrong, and so would a name."""
+    heavier = EffectSpec("mass_change", {"change": off["mass"]})
+    scene, model = scene_of(stage, record(replace(stage, effects=(heavier,))))
+    judged = judge(scene, None, replace(model, corrections=off), rounds=0)
+    found = astray(judged)
+    assert "".join(found) == said
+    told, place = verdict(stage, judged, Contest("named", None, None, 0.0, 0.0, None))
+    if said:
+        assert found["mass"] == pytest.approx(0.3)
+        assert (told, place.component) == ("inconclusive", "plant")
+        assert "mass 30 % off" in place.where
+
+
+def test_one_that_might_be_on_the_line_is_a_number(stage, record):  # type: ignore[no-untyped-def]
+    scene, model = scene_of(stage, record(replace(stage, effects=())))
+    scene = replace(scene, noise=Noise(1e-2, 2.0))  # as loud as the motion
+    assert not astray(judge(scene, None, replace(model, corrections={"mass": 0.3}), rounds=0))
