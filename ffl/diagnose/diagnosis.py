@@ -56,10 +56,6 @@ from ffl.systems.plant import Plant
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
-RATTLES = (
-    "the loop rattles across the play, and two runs of one machine part within a second: the play was "
-    "named by prediction from sample to sample; free-running figures say little"
-)
 SMOOTHS = (
     "noise decides when this machine sticks and slips, which a free run knows nothing of: dry friction was "
     "named by prediction from sample to sample"
@@ -252,7 +248,7 @@ def _named(
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:
         say(f"{standing.name}: foretells sample by sample what no free run does")
-        notes.append(RATTLES if "backlash" in standing.model.names else SMOOTHS)
+        notes += [] if "backlash" in standing.model.names else [SMOOTHS]
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")

@@ -21,10 +21,10 @@ from ffl.systems.plant import EffectSpec
 if TYPE_CHECKING:
     from ffl.diagnose.maps.freemodel import Part
 
-# What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g, and v g(x)
-# upwards or downwards alone;
+# What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g, v g(x)
+# upwards or downwards alone, and u^2 g(x);
 BY_POSITION, BY_VELOCITY, DAMPING, DRY, INERTIA = range(5)
-DRY_BY_COMMAND, DAMPING_UP, DAMPING_DOWN = range(11, 14)
+DRY_BY_COMMAND, DAMPING_UP, DAMPING_DOWN, PULL = range(11, 15)
 # what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling, and what a limit
 # cuts off that falls with |v|;
 BY_COMMAND, GAIN, GAIN_BY_SPEED, FALLING = range(5, 9)
@@ -105,6 +105,8 @@ def _force(p, x, v, a, u):  # type: ignore[no-untyped-def]
     g, slope = _at(p, first, n, x)
     if kind == BY_POSITION:
         return g, slope, 0.0, 0.0
+    if kind == PULL:
+        return u * u * g, u * u * slope, 0.0, 0.0
     if kind == DAMPING:
         return g * v, slope * v, g, 0.0
     if kind in (DAMPING_UP, DAMPING_DOWN):

@@ -4,7 +4,7 @@
 
 with hats on a grid of the variable and K a Gaussian kernel over it: a Gaussian process in the space
 of its weights. Drivers are what physics multiplies with: nothing, the direction, the velocity, the
-acceleration, the command.
+acceleration, the command, its square (as iron is pulled).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from ffl.diagnose.maps.mapped import (
     GAIN,
     GAIN_BY_SPEED,
     INERTIA,
+    PULL,
     SHOWN_POSITION,
     SHOWN_VELOCITY,
     smoothed,
@@ -365,6 +366,10 @@ TERMS: tuple[Term, ...] = (
     Term(
         "direction by size of acceleration", "force", ("acceleration", "direction"),
         "sign(velocity)", "|acceleration|", _inertial_load, None,
+    ),
+    _gridded(
+        "pull by position", "force", ("command", "position"), "command^2",
+        lambda m: m.u**2, "position", _positions, PULL,
     ),
     _of_history("history of position", "force", ("history", "position"), "", "faded position", _faded),
     _of_history("heat of the command", "force", HEAT, "", "heat", _heat),

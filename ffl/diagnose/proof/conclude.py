@@ -31,6 +31,7 @@ from ffl.diagnose.proof.verdict import (
     LOUD,
     LOUDER,
     UNDECIDED,
+    foretold,
     in_their_state,
     is_unlike,
     loudness,
@@ -135,6 +136,9 @@ def conclude(
     another = another and not 0.0 < left_over <= LOUD  # noise may be most there is
     noisy = WORSE if model.machine.states_noise else 1.0
     worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
+    if standing.predicted and "backlash" in standing.model.names:
+        said, note = foretold(said, proof)
+        notes.append(note)
     worse = worse or _parted(standing, proof)
     seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
     if effects and worse and said != "unnamed":

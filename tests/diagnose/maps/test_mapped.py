@@ -71,6 +71,7 @@ FORCES = {  # x'' by name, with g along the map's own variable
     "velocity by position": lambda x, v, u, g: linear(x, v, u + v * g(x)),
     "upward velocity by position": lambda x, v, u, g: linear(x, v, u + max(v, 0.0) * g(x)),
     "downward velocity by position": lambda x, v, u, g: linear(x, v, u + min(v, 0.0) * g(x)),
+    "pull by position": lambda x, v, u, g: linear(x, v, u + u**2 * g(x)),
     "command": lambda x, v, u, g: linear(x, v, u + g(u)),
     "command by position": lambda x, v, u, g: linear(x, v, u * (1.0 + g(x))),
 }
@@ -85,7 +86,7 @@ def test_the_kernel_runs_a_map_as_an_integrator_does(spring, name):  # type: ign
     spans = ranges_of([model.simulate(trial).motion()])
     knots = term.knots(spans)
     braked = "velocity by position" in name
-    size = {"command by position": 0.5}
+    size = {"command by position": 0.5, "pull by position": 0.1}
     if braked:
         size[name] = 20 * 2 * DAMPING * W * MASS
     g = -size.get(name, 2.0) * np.tanh(2 * knots / np.abs(knots).max())

@@ -9,7 +9,7 @@ import pytest
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.maps.unnamed import Contest
-from ffl.diagnose.proof.verdict import is_unlike, refuted
+from ffl.diagnose.proof.verdict import foretold, is_unlike, refuted
 
 
 def contest(verdict, winner=None):  # type: ignore[no-untyped-def]
@@ -52,3 +52,15 @@ def test_free_runs_far_off_are_another_machine_s_unless_a_map_brings_them_near(
     error, with_map, another
 ):
     assert is_unlike(error, with_map) is another
+
+
+@pytest.mark.parametrize(
+    ("off", "said", "words"),
+    [(1.2, "explained", "rattles"), (12.0, "partly_explained", "leave 12 times")],
+)
+def test_a_play_is_not_all_where_free_runs_part_further_than_noise_parts_them(off, said, words):
+    proof = SimpleNamespace(nrmse_after=off * 4e-5, noise_floor=4e-5)
+    found, note = foretold("explained", proof)
+    assert found == said
+    assert words in note
+    assert foretold("unnamed", proof)[0] == "unnamed"
