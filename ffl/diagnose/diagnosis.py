@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from ffl.diagnose.contest.chance import without_chance
 from ffl.diagnose.contest.judging import judge, raw_error
-from ffl.diagnose.contest.line import across_the_line, against_the_refused
+from ffl.diagnose.contest.line import across_the_line, against_the_refused, released
 from ffl.diagnose.contest.plainest import plainest
 from ffl.diagnose.contest.restraint import restrained
 from ffl.diagnose.contest.scene import Scene
@@ -267,7 +267,7 @@ def _named(
         standing = without_chance(held, without_faint(held, standing))
     standing = with_modes_heard(held, standing)
     if not standing.predicted:
-        standing = restrained(held, standing)
+        standing = released(restrained(held, standing))
     held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others

@@ -194,9 +194,8 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
             if ground.residuals(start) is None:
                 return None
             screen = FreeScreen(ground, start)
-        # Half way it may run away where it was not fitted.
         ways = (_fitted(screen, start, held, current.evidence, gain, n) for n in (1, ROUNDS))
-        found = next((way for way in ways if way is not None), None)
+        found = next((way for way in ways if way), None)  # half way it may run away held out
         if found is None or entry.view.along is None:
             return found
         took = min(gain, 0.5 * (current.cost - found.cost))

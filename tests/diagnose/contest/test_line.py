@@ -16,10 +16,12 @@ from ffl.diagnose.contest.line import (
     against_the_refused,
     astray,
     on_the_line,
+    released,
 )
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import claims, of_its_own, sizes
+from ffl.diagnose.hypothesis.corrections import corrections
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.maps.unnamed import Contest
 from ffl.diagnose.noise.noise import Noise
@@ -318,3 +320,39 @@ def test_one_that_might_be_on_the_line_is_a_number(stage, record):  # type: igno
     scene, model = scene_of(stage, record(replace(stage, effects=())))
     scene = replace(scene, noise=Noise(1e-2, 2.0))  # as loud as the motion
     assert not astray(judge(scene, None, replace(model, corrections={"mass": 0.3}), rounds=0))
+
+
+@pytest.mark.parametrize(("own", "kept"), [(0.03, True), (0.08, False)])
+def test_a_number_a_little_beyond_the_line_that_says_more_there_stays(
+    stage, record, monkeypatch, own, kept
+):  # type: ignore[no-untyped-def]
+    """Where it is no effect: held on the line, what stands beside it would make up for it."""
+    friction = EffectSpec("coulomb_friction", {"level": 2.0})
+    heavy = EffectSpec("mass_change", {"change": own})
+    scene, model = scene_of(stage, record(replace(stage, effects=(friction, heavy))))
+    begun = replace(model, corrections={"mass": own, "damping": 0.0}).with_effect(friction)
+    monkeypatch.setattr(line, "_beyond", lambda *_: False)
+    judged = judge(scene, None, begun, rounds=3)
+    found = across_the_line(scene, None, judged)
+    assert "mass_change" not in found.model.names
+    assert ("mass" in found.model.held) is not kept
+    assert found.model.corrections["mass"] == pytest.approx(own if kept else 0.02, abs=1e-3)
+
+
+def test_what_was_held_on_the_line_is_told_and_has_its_share_of_the_doubt(stage, record):  # type: ignore[no-untyped-def]
+    friction = EffectSpec("viscous_friction", {"coefficient": 3.0})
+    heavy = EffectSpec("mass_change", {"change": 0.03})
+    scene, model = scene_of(stage, record(replace(stage, effects=(friction, heavy))))
+    on_it = replace(model, corrections={"mass": 0.02}, held=frozenset({"mass", "damping"}))
+    judged = judge(scene, None, on_it.with_effect(friction), rounds=3)
+    free = released(judged)
+    assert free.model.held == {"damping"}  # what stands as stated stays so
+    assert free.model.corrections == judged.model.corrections
+    assert free.model.effects == judged.model.effects
+    names = [c.name for c in free.model.coordinates]
+    before = [c.name for c in judged.model.coordinates]
+    at, was = names.index("coefficient"), before.index("coefficient")
+    assert free.fit.spread[at] > 1.01 * judged.fit.spread[was]
+    assert "mass" in {c.name for c in corrections(free)}
+    assert "mass" not in {c.name for c in corrections(judged)}
+    assert released(free) is free
