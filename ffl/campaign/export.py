@@ -15,6 +15,7 @@ from ffl.bases.friction import STANDS
 from ffl.bases.obf import all_pass
 from ffl.campaign.config import Campaign, RunSpec, load_campaign
 from ffl.campaign.signals import read_dataset
+from ffl.campaign.store import read_results
 from ffl.errors import InputError
 from ffl.systems.atomic import write_bytes, write_text
 from ffl.systems.plant_file import suggest
@@ -150,9 +151,16 @@ def export_run(folder: Path, run: str, format: str, out: Path) -> None:
     campaign = load_campaign(folder / "campaign.toml")
     spec = campaign.run(run)
     path = folder / f"{run}.h5"
-    if not path.is_file():
+    if not path.exists() and not _told(folder, run):
         raise InputError(f"{folder}: run '{run}' has no trial yet; finish it with --resume")
     FORMATS[format](campaign, spec, path, out)
+
+
+def _told(folder: Path, run: str) -> bool:
+    """Whether results.json tells of trials of the run."""
+    if not (folder / "results.json").is_file():
+        return False
+    return any(e["name"] == run and e["error_norm"] for e in read_results(folder)["runs"])
 
 
 def _json(campaign: Campaign, run: RunSpec, path: Path, out: Path) -> None:

@@ -70,9 +70,11 @@ def run_campaign(
                 elif isinstance(event, Trial) and progress is not None:
                     progress(name, event.number, event.error_norm)
     finally:  # what is complete is said, also where the work ends early
-        results = collect(campaign, store, stopped)
-        store.write_results(results)
-        store.close()
+        try:
+            results = collect(campaign, store, stopped)
+            store.write_results(results)
+        finally:
+            store.close()
     return Outcome(folder, results, tuple((name, s.message) for name, s in stopped.items()))
 
 
