@@ -17,7 +17,6 @@ from ffl.errors import InputError
 from ffl.report.finished import read_folders
 from ffl.report.terminal import print_table, progress
 
-
 NAMED = 3  # differences that are named
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from ffl.report import learning_figures as draw
 from ffl.report.finished import FinishedRun, cumulative_power, motion_interval, pre_actuation
 from ffl.report.page import Page, drawing, subplots
+from ffl.report.weight_words import equal_error_weights
 from ffl.systems import Plant, StateSpace, Zpk, as_zpk
 from ffl.systems.state_space import Array
 
@@ -276,14 +277,7 @@ def to_invert(plant: Plant, frequencies: Array) -> Array:
 
 
 def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
-    groups: dict[str, list[int]] = {}
-    for index, run in enumerate(runs):
-        weight = run.spec.weights.error
-        shown = f"{weight:g}" if isinstance(weight, float) else type(weight).__name__
-        key = f"W_e = {shown}" + (
-            f", {run.folder.name}" if not _same_reference(run, runs[0]) else ""
-        )
-        groups.setdefault(key, []).append(index)
+    groups = equal_error_weights(runs)
     columns = min(len(groups), 3)
     rows = -(-len(groups) // columns)
     with drawing():
@@ -291,7 +285,7 @@ def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
         for ax in axes.ravel()[len(groups) :]:
             ax.set_visible(False)
         told = []
-        for ax, (title, members) in zip(axes.ravel(), groups.items(), strict=False):
+        for ax, (title, members) in zip(axes.ravel(), groups, strict=False):
             t = runs[members[0]].campaign.sample_time
             spectra = [cumulative_power(runs[k].signal("e"), t) for k in members]
             largest = max(total[-1] for _, total in spectra)
@@ -308,7 +302,7 @@ def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
             figure,
             "Normalised cumulative power spectrum of the last error",
             "Read at the right edge: all the power of e, in per cent of the largest of its group "
-            f"(equal weights): {'; '.join(told)}. A step marks a frequency at which error is left. "
+            f"(equal W_e): {'; '.join(told)}. A step marks a frequency at which error is left. "
             f"Counterpart of Figure 9 (bottom) of {PAPER}, where repeating the poles ends at 60 %.",
         )
 

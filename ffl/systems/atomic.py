@@ -9,7 +9,6 @@ from pathlib import Path
 
 from ffl.errors import InputError
 
-
 REFUSED = (PermissionError, FileNotFoundError, IsADirectoryError, NotADirectoryError)
 
 

@@ -7,6 +7,7 @@ from ffl.campaign import load_campaign, run_campaign
 from ffl.report.finished import cumulative_power, motion_interval, pre_actuation, read_folders
 from ffl.report.learning import run_with_report, write_report
 from ffl.report.learning_page import wrong_way
+from ffl.report.weight_words import equal_error_weights, in_words
 from ffl.systems import Zpk, zero_order_hold
 
 
@@ -95,3 +96,38 @@ def test_the_response_is_that_of_the_learned_filter(write_campaign, tmp_path):
     z = np.exp(2j * np.pi * 30.0 * 1e-3)
     expected = sum(value * z**-k for k, value in taps.items())
     assert fir.response(np.array([30.0]))[0] == pytest.approx(expected)
+
+
+def test_weights_are_told_in_words():
+    assert in_words("W_e", 50.0) == "W_e = 50"
+    assert in_words("W_e", np.array([0.1, 50.0, 0.5])) == "W_e per sample, 0.1 to 50"
+    assert in_words("W_e", np.full(3, 2.0)) == "W_e = 2"
+    assert in_words("W_e", Zpk([0.5], [0.9, 0.2], 2.0, 1e-3)) == "W_e a filter (1 zero, 2 poles)"
+
+
+def test_only_runs_of_equal_error_weights_share_a_panel(write_campaign, tmp_path):
+    """Two filters and three vectors of which two are equal, one of them but for one sample."""
+    vectors = [[1.0] * 250 + [9.0] * 250, [9.0] * 250 + [1.0] * 250, [1.0] * 250 + [9.0] * 250]
+    filters = [f'{{ form = "zpk", poles = [{pole}], gain = 0.1 }}' for pole in (0.9, 0.8, 0.9)]
+    weights = [*map(str, vectors), *filters, str([1.0] * 500), "1.0"]
+    runs = [
+        f'[[runs]]\nname = "run{k}"\nbasis = [{{ kind = "derivatives", orders = ["velocity"] }}]\n'
+        f"weights = {{ error = {weight} }}\n"
+        for k, weight in enumerate(weights)
+    ]
+    path = write_campaign(trials=2)
+    head = path.read_text()
+    path.write_text(head[: head.index("[[runs]]")] + "".join(runs))
+    run_campaign(load_campaign(path), tmp_path / "out")
+    groups = equal_error_weights(read_folders([tmp_path / "out"]))
+    assert groups == [
+        ("W_e per sample, 1 to 9 (run0)", [0, 2]),
+        ("W_e per sample, 1 to 9 (run1)", [1]),
+        ("W_e a filter (0 zeros, 1 pole) (run3)", [3, 5]),
+        ("W_e a filter (0 zeros, 1 pole) (run4)", [4]),
+        ("W_e = 1", [6, 7]),
+    ]
+    write_report([tmp_path / "out"], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert "ndarray" not in text
+    assert "Zpk" not in text
