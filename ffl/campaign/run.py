@@ -132,6 +132,8 @@ def _report(report: UpdateReport) -> dict[str, Any]:
     if np.isfinite(report.kkt_residual):
         entry["kkt_residual"] = report.kkt_residual
     entry |= {"rank": report.rank, "active": report.active}
+    if np.isfinite(report.left_out):
+        entry["left_out"] = report.left_out
     if report.message:
         entry["message"] = report.message
     return entry

@@ -19,7 +19,8 @@ from ffl.systems.atomic import written_aside
 from ffl.systems.state_space import Array
 
 SIGNALS = {"f": "feedforward", "u": "total command", "y": "measured output", "e": "error r - y"}
-REPORT = ("seconds", "kkt_residual", "rank", "active")
+REPORT = ("seconds", "kkt_residual", "rank", "active", "left_out")
+ADDED = ("left_out",)  # by later versions: files of earlier ones do without
 TEXT = {"status": 32, "message": 512}
 
 
@@ -97,6 +98,8 @@ def _add(file: h5py.File, trial: Trial) -> None:
         for name, size in TEXT.items()
     }
     for name, values in row.items():
+        if name in ADDED and name not in file:
+            continue
         data = file[name]
         data.resize(trial.number, axis=0)
         data[trial.number - 1] = values
@@ -149,7 +152,9 @@ def read_dataset(path: Path, name: str, trial: int | None = None) -> Array:
 def read_reports(path: Path) -> list[UpdateReport]:
     """The updates of trials 2, 3, ..."""
     with opened(path) as file:
-        columns = {name: file[name][1:] for name in (*REPORT, *TEXT)}
+        held = [name for name in (*REPORT, *TEXT) if name in file or name not in ADDED]
+        columns = {name: file[name][1:] for name in held}
+    unknown = np.full(len(columns["seconds"]), np.nan)
     return [
         UpdateReport(
             float(columns["seconds"][k]),
@@ -158,6 +163,7 @@ def read_reports(path: Path) -> list[UpdateReport]:
             int(columns["rank"][k]),
             int(columns["active"][k]),
             columns["message"][k].decode(errors="ignore"),
+            float(columns.get("left_out", unknown)[k]),
         )
         for k in range(len(columns["seconds"]))
     ]

@@ -62,7 +62,8 @@ def _require_same(path: Path, state: Mapping[str, Any], basis: Tables, model: Pl
             f"{path}: learned with model '{state['model']}', and this is model '{model.name}'; give "
             f"--model {state['model']}, {away}"
         )
-    differs = table_differences(_filled(state["basis"]), _filled(basis), "basis")
+    there, here = _filled(state["basis"]), _filled(basis)
+    differs = table_differences(there, here, "basis") or table_differences(here, there, "basis")
     if differs:
         more = f" and {len(differs) - 1} more" if len(differs) > 1 else ""
         raise InputError(

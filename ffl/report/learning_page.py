@@ -91,19 +91,23 @@ def _summary(page: Page, runs: Sequence[FinishedRun]) -> None:
                 run.entry["feedforward_norm"][-1],
                 float(np.median([u["seconds"] for u in updates])) if updates else None,
                 max(residuals) if residuals else None,
+                _used(run),
                 max((u.get("active", 0) for u in updates), default=0),
             ]
         )
     header = [
         "run", "status", "parameters", f"‖e₁‖ [{_label(unit)}]", f"‖e_last‖ [{_label(unit)}]",
-        "last / first", "‖f_last‖", "update [s]", "KKT residual", "active bounds",
+        "last / first", "‖f_last‖", "update [s]", "KKT residual", "directions used", "active bounds",
     ]  # fmt: skip
     page.table(
         header,
         rows,
         "2-norms over all samples of the reference, the rest before and after the motion included. "
         "Update: median wall time. KKT residual: the largest of all updates, relative; below 1e-8 "
-        "the update is the minimiser of criterion (3).",
+        "the update is the minimiser of criterion (3) over the directions used. Where these are "
+        "fewer than the parameters, the reference shows the others less than 1e-10 of the largest; "
+        "they are left at zero, since with them parameters grow large and cancel, and in brackets "
+        "stands by how much at most criterion (3) therefore lies above its minimum over all.",
     )
     if len(runs) > 1:
         page.heading("Last error of each run, below that of another")
@@ -123,6 +127,20 @@ def _summary(page: Page, runs: Sequence[FinishedRun]) -> None:
     for run in runs:
         if "message" in run.entry:
             page.note(f"{run.label} stopped ({run.entry['status']}): {run.entry['message']}", "bad")
+
+
+def _used(run: FinishedRun) -> str:
+    """Rank of the updates' problems of the number of parameters, and what the others would bring."""
+    updates = run.entry["update"]
+    if not updates:
+        return ""
+    ranks = sorted({u["rank"] for u in updates if "rank" in u})
+    if not ranks:
+        return ""
+    told = f"{ranks[0]}" if len(ranks) == 1 else f"{ranks[0]} to {ranks[-1]}"
+    left = max((u["left_out"] for u in updates if "left_out" in u), default=0.0)
+    beside = f" ({left:.2%})" if ranks[0] < run.entry["parameters"] and left else ""
+    return f"{told} of {run.entry['parameters']}{beside}"
 
 
 def _below(one: FinishedRun, other: FinishedRun) -> str:

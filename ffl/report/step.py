@@ -146,7 +146,8 @@ def _answer(step: Step, documented: dict[str, float], trial: int) -> dict[str, A
             "status": step.report.status,
             "kkt_residual": step.report.kkt_residual,
             "rank": step.report.rank,
-        },
+        }
+        | ({"left_out": step.report.left_out} if np.isfinite(step.report.left_out) else {}),
         "notes": list(step.notes),
     }
     learned = {entry["name"]: entry["on_plant"] for entry in parameters}
@@ -183,6 +184,7 @@ def step_page(
             (f"recorded error, RMS [{unit_y}]", answer["error_norm"] / n),
             (f"predicted next error, RMS [{unit_y}]", answer["predicted_error_norm"] / n),
             ("KKT residual of the update", step.report.kkt_residual),
+            ("directions used, of the parameters", f"{step.report.rank} of {len(step.names)}"),
         ]
     )
     servo = bool(np.any(step.servo))

@@ -1,3 +1,6 @@
+import json
+
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
@@ -131,3 +134,38 @@ def test_only_runs_of_equal_error_weights_share_a_panel(write_campaign, tmp_path
     text = (tmp_path / "page.html").read_text()
     assert "ndarray" not in text
     assert "Zpk" not in text
+
+
+def test_directions_left_out_stand_in_results_and_report(write_campaign, tmp_path):
+    """Nine taps of a smooth reference have fewer directions that it shows above 1e-10."""
+    path = write_campaign(("preview = 2, lag = 2", "preview = 4, lag = 4"))
+    run_with_report(load_campaign(path), tmp_path / "out", quiet=True)
+    runs = {run.label: run for run in read_folders([tmp_path / "out"])}
+    updates = runs["fir"].entry["update"]
+    ranks = {update["rank"] for update in updates}
+    assert max(ranks) < 9
+    largest = max(update["left_out"] for update in updates)
+    assert largest > 0
+    text = (tmp_path / "out" / "report.html").read_text()
+    assert f" of 9 ({largest:.2%})</td>" in text
+    assert "<td>2 of 2</td>" in text
+    assert {update["left_out"] for update in runs["derivatives"].entry["update"]} == {0.0}
+
+
+def test_a_run_of_an_earlier_version_is_read_and_gone_on_with(write_campaign, tmp_path):
+    """Its file has no `left_out`: nothing is said of it."""
+    out = tmp_path / "out"
+    run_campaign(load_campaign(write_campaign(trials=2)), out)
+    before = json.loads((out / "results.json").read_text())
+    for name in ("derivatives", "fir", "free"):
+        with h5py.File(out / f"{name}.h5", "a") as file:
+            del file["left_out"]
+    text = (out / "campaign.toml").read_text().replace("trials = 2", "trials = 3")
+    (out / "campaign.toml").write_text(text)
+    run_campaign(load_campaign(out / "campaign.toml"), out, resume=True)
+    after = json.loads((out / "results.json").read_text())
+    for old, new in zip(before["runs"], after["runs"], strict=True):
+        assert new["error_norm"][:2] == old["error_norm"]
+        assert len(new["error_norm"]) == 3
+        assert not any("left_out" in update for update in new["update"])
+    write_report([out], tmp_path / "page.html")
