@@ -10,11 +10,12 @@ from ffl.bases.derivatives import derivative
 from ffl.errors import InputError
 from ffl.systems.state_space import Array
 
-ROUNDING = 1e-9
+STANDS = 1e-9  # of the fastest |v|: what rounding leaves where the reference stands
 
 
 class Friction(Basis):
-    """f = level sign(v), with v the velocity of the reference; where it stands, f = 0.
+    """f = level sign(v), with v the velocity of the reference; where it stands, f = 0: |v| within
+    `STANDS` of its largest value, which rounding alone leaves.
 
     `asymmetric` gives each direction a level of its own (both positive where friction opposes the
     motion). `velocity`, in reference units per second, is the speed below which the step is
@@ -45,7 +46,7 @@ class Friction(Basis):
         if self.velocity > 0:
             sign = np.clip(v / self.velocity, -1.0, 1.0)
         else:
-            sign = np.where(np.abs(v) > ROUNDING * fastest, np.sign(v), 0.0)
+            sign = np.where(np.abs(v) > STANDS * fastest, np.sign(v), 0.0)
         if self.asymmetric:
             return np.column_stack([np.maximum(sign, 0.0), np.minimum(sign, 0.0)])
         return sign[:, None]

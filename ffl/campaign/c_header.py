@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ffl.bases.friction import STANDS
+
 if TYPE_CHECKING:
     from ffl.campaign.export import Realisation, Section
 
@@ -17,6 +19,10 @@ typedef struct { double positive, negative, velocity; } ffl_friction;
 BODY = """\
 static double ffl_at(const double *r, int n, int t) {
   return r[t < 0 ? 0 : t >= n ? n - 1 : t];
+}
+
+static double ffl_velocity(const double *r, int n, int t) {
+  return (ffl_at(r, n, t + 1) - ffl_at(r, n, t - 1)) / (2.0 * FFL_SAMPLE_TIME);
 }
 
 static void ffl_chain(const ffl_section *s, int sections, const double *r, double *f, int n,
@@ -45,14 +51,19 @@ static void ffl_chain(const ffl_section *s, int sections, const double *r, doubl
 
 /* f: feedforward of n samples for the reference r of n samples, which is known beforehand. */
 static void ffl_feedforward(const double *r, double *f, int n) {
+  double least = 0.0; /* speed up to which the reference stands, but for rounding */
   int t, k;
+  for (t = 0; t < n; t++) {
+    double v = FFL_FRICTIONS ? FFL_STANDS * ffl_velocity(r, n, t) : 0.0;
+    least = v > least ? v : -v > least ? -v : least;
+  }
   for (t = 0; t < n; t++) {
     f[t] = 0.0;
     for (k = 0; k < FFL_TAPS; k++) f[t] += ffl_gain[k] * ffl_at(r, n, t - ffl_delay[k]);
     for (k = 0; k < FFL_FRICTIONS; k++) {
-      double v = (ffl_at(r, n, t + 1) - ffl_at(r, n, t - 1)) / (2.0 * FFL_SAMPLE_TIME);
+      double v = ffl_velocity(r, n, t);
       double limit = ffl_frictions[k].velocity;
-      double sign = limit > 0.0 ? v / limit : (v > 0.0) - (v < 0.0);
+      double sign = limit > 0.0 ? v / limit : (v > least) - (v < -least);
       sign = sign > 1.0 ? 1.0 : sign < -1.0 ? -1.0 : sign;
       f[t] += sign * (sign > 0.0 ? ffl_frictions[k].positive : ffl_frictions[k].negative);
     }
@@ -83,7 +94,6 @@ def c_header(realisation: Realisation, told: str) -> str:
         f"{{{f['level_positive']!r}, {f['level_negative']!r}, {f['velocity']!r}}}"
         for f in r.friction
     ] or ["{0, 0, 0}"]
-    sample_time = r.friction[0]["sample_time"] if r.friction else 1.0
     most = max(len(r.forwards), len(r.backwards), 1)
     return "\n".join(
         [
@@ -93,7 +103,8 @@ def c_header(realisation: Realisation, told: str) -> str:
             f"enum {{ FFL_TAPS = {len(r.delays)}, FFL_FORWARDS = {len(r.forwards)}, "
             f"FFL_BACKWARDS = {len(r.backwards)}, FFL_FRICTIONS = {len(r.friction)}, "
             f"FFL_MOST_SECTIONS = {most} }};",
-            f"#define FFL_SAMPLE_TIME {sample_time!r}",
+            f"#define FFL_SAMPLE_TIME {r.sample_time!r}",
+            f"#define FFL_STANDS {STANDS!r}",
             TYPES,
             f"static const int ffl_delay[] = {{{', '.join(map(str, r.delays)) or '0'}}};",
             f"static const double ffl_gain[] = {{{_numbers(r.gains) or '0'}}};",

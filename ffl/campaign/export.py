@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from ffl.bases import FIR, OBF, Basis, Derivatives, Friction, SumBasis
+from ffl.bases.friction import STANDS
 from ffl.bases.obf import all_pass
 from ffl.campaign.config import Campaign, RunSpec, load_campaign
 from ffl.campaign.signals import read_dataset
+from ffl.campaign.store import read_results
 from ffl.errors import InputError
 from ffl.systems.atomic import write_bytes, write_text
 from ffl.systems.plant_file import suggest
@@ -24,7 +26,11 @@ HOW = (
     "samples r stays at its first and last value. forwards: sections in series, t = 0 .. N-1, the "
     "first one fed with v = r(t): f += gain . x, w = c . x + d v, x = a x + b v, w feeds the next. "
     "backwards: the same for t = N-1 .. 0, but x is moved on before f += gain . x. Each x begins at "
-    "rest: x = rest times r(0), backwards r(N-1)."
+    "rest: x = rest times r(0), backwards r(N-1). friction, each with s(t) times level_positive where "
+    "s(t) > 0, else times level_negative: v(t) = (r(t+1) - r(t-1)) / (2 sample_time); where velocity "
+    "> 0, s = v / velocity, held within -1 .. 1; where velocity = 0, s = sign(v), and s = 0 where "
+    "|v(t)| <= stands times the largest |v| of the whole reference, since there it stands but for "
+    "rounding."
 )
 
 
@@ -50,6 +56,7 @@ class Section:
 class Realisation:
     """A learned feedforward as a filter; see `HOW`."""
 
+    sample_time: float
     delays: tuple[int, ...]
     gains: tuple[float, ...]
     forwards: tuple[Section, ...]
@@ -89,6 +96,7 @@ def realise(basis: Basis, theta: Array) -> Realisation:
                     "level_positive": float(own[0]),
                     "level_negative": float(own[-1]),
                     "velocity": part.velocity,
+                    "stands": STANDS,
                     "sample_time": part.sample_time,
                 }
             )
@@ -100,7 +108,8 @@ def realise(basis: Basis, theta: Array) -> Realisation:
         raise InputError("export of more than one 'obf' table is not possible; join their poles")
     delays = tuple(sorted(taps))
     gains = tuple(taps[k] for k in delays)
-    return Realisation(delays, gains, tuple(forwards), tuple(backwards), tuple(friction))
+    sections = tuple(forwards), tuple(backwards)
+    return Realisation(basis.sample_time, delays, gains, *sections, tuple(friction))
 
 
 def _sections(poles: ComplexArray, theta: Array, sample_time: float) -> list[Section]:
@@ -142,13 +151,21 @@ def export_run(folder: Path, run: str, format: str, out: Path) -> None:
     campaign = load_campaign(folder / "campaign.toml")
     spec = campaign.run(run)
     path = folder / f"{run}.h5"
-    if not path.is_file():
+    if not path.exists() and not _told(folder, run):
         raise InputError(f"{folder}: run '{run}' has no trial yet; finish it with --resume")
     FORMATS[format](campaign, spec, path, out)
 
 
+def _told(folder: Path, run: str) -> bool:
+    """Whether results.json tells of trials of the run."""
+    if not (folder / "results.json").is_file():
+        return False
+    return any(e["name"] == run and e["error_norm"] for e in read_results(folder)["runs"])
+
+
 def _json(campaign: Campaign, run: RunSpec, path: Path, out: Path) -> None:
     theta = read_dataset(path, "theta", -1)
+    realisation = realise(run.basis, theta)
     document = {
         "schema": 1,
         "campaign": campaign.name,
@@ -163,7 +180,7 @@ def _json(campaign: Campaign, run: RunSpec, path: Path, out: Path) -> None:
             for name, value in zip(run.basis.names, theta, strict=True)
         ],
         "how": HOW,
-        **realise(run.basis, theta).table(),
+        **realisation.table(),
     }
     write_text(out, json.dumps(document, indent=1, allow_nan=False) + "\n")
 

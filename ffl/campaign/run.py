@@ -70,9 +70,11 @@ def run_campaign(
                 elif isinstance(event, Trial) and progress is not None:
                     progress(name, event.number, event.error_norm)
     finally:  # what is complete is said, also where the work ends early
-        results = collect(campaign, store, stopped)
-        store.write_results(results)
-        store.close()
+        try:
+            results = collect(campaign, store, stopped)
+            store.write_results(results)
+        finally:
+            store.close()
     return Outcome(folder, results, tuple((name, s.message) for name, s in stopped.items()))
 
 
@@ -130,6 +132,8 @@ def _report(report: UpdateReport) -> dict[str, Any]:
     if np.isfinite(report.kkt_residual):
         entry["kkt_residual"] = report.kkt_residual
     entry |= {"rank": report.rank, "active": report.active}
+    if np.isfinite(report.left_out):
+        entry["left_out"] = report.left_out
     if report.message:
         entry["message"] = report.message
     return entry

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,12 @@ import numpy as np
 from ffl.errors import InputError
 from ffl.learn import Trial, UpdateReport
 from ffl.recordings import Recording
+from ffl.systems.atomic import written_aside
 from ffl.systems.state_space import Array
 
 SIGNALS = {"f": "feedforward", "u": "total command", "y": "measured output", "e": "error r - y"}
-REPORT = ("seconds", "kkt_residual", "rank", "active")
+REPORT = ("seconds", "kkt_residual", "rank", "active", "left_out")
+ADDED = ("left_out",)  # by later versions: files of earlier ones do without
 TEXT = {"status": 32, "message": 512}
 
 
@@ -28,8 +32,7 @@ def append_trial(
     The copy makes ten trials of 8000 samples cost 14 MB of writing, and leaves one format to read,
     complete after every trial.
     """
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with written_aside(path) as aside:
         if trial.number > 1:
             shutil.copyfile(path, aside)
         with h5py.File(aside, "a" if trial.number > 1 else "w") as file:
@@ -37,8 +40,6 @@ def append_trial(
                 _create(file, trial, reference, units, names)
             _add(file, trial)
         replace_synced(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def replace_synced(aside: Path, path: Path) -> None:
@@ -97,6 +98,8 @@ def _add(file: h5py.File, trial: Trial) -> None:
         for name, size in TEXT.items()
     }
     for name, values in row.items():
+        if name in ADDED and name not in file:
+            continue
         data = file[name]
         data.resize(trial.number, axis=0)
         data[trial.number - 1] = values
@@ -106,8 +109,7 @@ def add_second(
     path: Path, reference: Array, recording: Recording, feedback_only: Recording
 ) -> None:
     """Adds the run on the second reference: with the learned parameters and with feedback alone."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with written_aside(path) as aside:
         shutil.copyfile(path, aside)
         with h5py.File(aside, "a") as file:
             group = file.require_group("second")
@@ -121,26 +123,38 @@ def add_second(
             ):
                 group.create_dataset(name, data=values)
         replace_synced(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """The run's file to read from; raises `InputError` where it is missing or damaged."""
+    again = f"ffl run {path.parent / 'campaign.toml'} --out {path.parent} --resume"
+    if not path.exists():
+        raise InputError(f"{path}: is missing; make it again with: {again}")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except PermissionError:
+        raise InputError(f"{path}: may not be read; change its permissions") from None
+    except (OSError, KeyError, ValueError, IndexError, RuntimeError) as error:
+        raise InputError(
+            f"{path}: is damaged ({error}); remove it, then make it again with: {again}"
+        ) from None
 
 
 def read_dataset(path: Path, name: str, trial: int | None = None) -> Array:
     """A dataset of the run's file, or its row for `trial` (1-based; -1: the last)."""
-    try:
-        with h5py.File(path, "r") as file:
-            data = file[name]
-            return (
-                data[()] if trial is None else data[trial - 1 if trial > 0 else len(data) + trial]
-            )
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not the signals of a run ({error})") from None
+    with opened(path) as file:
+        data = file[name]
+        return data[()] if trial is None else data[trial - 1 if trial > 0 else len(data) + trial]
 
 
 def read_reports(path: Path) -> list[UpdateReport]:
     """The updates of trials 2, 3, ..."""
-    with h5py.File(path, "r") as file:
-        columns = {name: file[name][1:] for name in (*REPORT, *TEXT)}
+    with opened(path) as file:
+        held = [name for name in (*REPORT, *TEXT) if name in file or name not in ADDED]
+        columns = {name: file[name][1:] for name in held}
+    unknown = np.full(len(columns["seconds"]), np.nan)
     return [
         UpdateReport(
             float(columns["seconds"][k]),
@@ -149,6 +163,7 @@ def read_reports(path: Path) -> list[UpdateReport]:
             int(columns["rank"][k]),
             int(columns["active"][k]),
             columns["message"][k].decode(errors="ignore"),
+            float(columns.get("left_out", unknown)[k]),
         )
         for k in range(len(columns["seconds"]))
     ]
@@ -158,14 +173,11 @@ def last_trial(path: Path, sample_time: float) -> Trial | None:
     """The last trial on disk, to the last bit as it was; None where there is none."""
     if not path.exists():
         return None
-    try:
-        with h5py.File(path, "r") as file:
-            number = len(file["error_norm"])
-            r, t = file["reference"][()], file["time"][()]
-            f, u, y, e = (file[name][-1] for name in SIGNALS)
-            theta, cost = file["theta"][-1], float(file["cost"][-1])
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: not the signals of a run ({error}); remove it") from None
+    with opened(path) as file:
+        number = len(file["error_norm"])
+        r, t = file["reference"][()], file["time"][()]
+        f, u, y, e = (file[name][-1] for name in SIGNALS)
+        theta, cost = file["theta"][-1], float(file["cost"][-1])
     reports = read_reports(path)
     recording = Recording(t, r, f, u, y, sample_time=sample_time, source=str(path))
     return Trial(number, recording, theta, f, e, cost, reports[-1] if reports else None)
@@ -173,7 +185,7 @@ def last_trial(path: Path, sample_time: float) -> Trial | None:
 
 def read_second(path: Path) -> dict[str, Array] | None:
     """The signals on the second reference, None where it was not run."""
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         return (
             {name: data[()] for name, data in file["second"].items()} if "second" in file else None
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,19 @@ def read_results(folder: Path) -> dict[str, Any]:
             raise InputError(f"{path}: runs[{index}] is no table; run the campaign again")
         _require(run, RUN, f"{path}: runs[{index}].")
     return results
+
+
+def require_runs(folder: Path, results: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Raises `InputError` where results.json does not hold the campaign's runs, each once."""
+    held = [run["name"] for run in results["runs"]]
+    for name in (*names, *held):
+        if held.count(name) != names.count(name):
+            what = "is missing" if name not in held else "is there twice"
+            what = what if name in names else "is not one of campaign.toml"
+            raise InputError(
+                f"{folder / 'results.json'}: run '{name}' {what}; write the file again with: "
+                f"ffl run {folder / 'campaign.toml'} --out {folder} --resume"
+            )
 
 
 def _require(table: Mapping[str, Any], kinds: Mapping[str, type], where: str) -> None:

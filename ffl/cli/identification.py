@@ -21,7 +21,9 @@ def identify(
     model: Annotated[
         Path | None, typer.Option(help="Plant file whose controller closed the loop.")
     ] = None,
-    basis: Annotated[Path | None, typer.Option(help="TOML with `basis`, for instrumental.")] = None,
+    basis: Annotated[
+        Path | None, typer.Option(help="TOML with `basis` and `weights`, for instrumental.")
+    ] = None,
     n_ac: Annotated[int, typer.Option(help="Taps that look ahead: lags from -N.")] = 50,
     n_c: Annotated[int, typer.Option(help="Taps that look back: lags up to N.")] = 50,
     order: Annotated[

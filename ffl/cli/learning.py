@@ -45,7 +45,8 @@ def rerun(
     jobs: Annotated[int, typer.Option(help="Worker processes.")] = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Run a folder's resolved campaign again and say whether every number comes out the same."""
+    """Run a folder's resolved campaign again and say whether every number comes out the same:
+    results.json but for wall times, and the signals in the .h5 files."""
     from ffl.report.learning import rerun_folder
 
     same = rerun_folder(folder, out, jobs, quiet)

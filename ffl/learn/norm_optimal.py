@@ -35,8 +35,10 @@ class UpdateReport:
     `AlongTrajectory`: the bounds hold, and one more round hardly lowers the criterion) or
     "infeasible" (then theta is the last one and `message` says which bounds conflict, and when).
     `kkt_residual` is that of the theta returned, relative, in the problem's own units (see
-    `NormOptimal.kkt`). `rank` is the number of parameter directions that the data can see, `active`
-    the number of bounds that hold with equality.
+    `NormOptimal.kkt`), over the directions used: `rank` of them, those that the data see above 1e-10
+    of the largest. `left_out` is the share by which the criterion lies above its minimum over all
+    directions for that reason (NaN: not computed, as under bounds). `active` is the number of bounds
+    that hold with equality.
     """
 
     seconds: float
@@ -45,6 +47,7 @@ class UpdateReport:
     rank: int
     active: int = 0
     message: str = ""
+    left_out: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,7 @@ class NormOptimal:
             self._status(residual, following, b),
             residual,
             self.coordinates.rank,
+            left_out=self.coordinates.left_out(b),
         )
         return Update(following, self.regressors @ following, report)
 

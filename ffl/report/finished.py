@@ -13,7 +13,7 @@ import numpy as np
 from ffl.bases import FreeSignal
 from ffl.campaign import Campaign, RunSpec, load_campaign
 from ffl.campaign.signals import read_dataset
-from ffl.campaign.store import read_results
+from ffl.campaign.store import read_results, require_runs
 from ffl.errors import InputError
 from ffl.systems.state_space import Array
 
@@ -67,6 +67,7 @@ def read_folders(folders: Sequence[Path]) -> list[FinishedRun]:
     for folder in folders:
         results = read_results(folder)
         campaign = load_campaign(folder / "campaign.toml")
+        require_runs(folder, results, [run.name for run in campaign.runs])
         for entry in results["runs"]:
             if entry["error_norm"]:
                 label = f"{folder.name if short else folder}/{entry['name']}"

@@ -11,10 +11,13 @@ import numpy as np
 
 from ffl import __version__
 from ffl.campaign import Campaign, Outcome, load_campaign, run_campaign
-from ffl.campaign.store import read_results
+from ffl.campaign.differences import signal_differences, table_differences
+from ffl.campaign.store import read_results, require_runs
 from ffl.errors import InputError
 from ffl.report.finished import read_folders
 from ffl.report.terminal import print_table, progress
+
+NAMED = 3  # differences that are named
 
 
 def run_with_report(
@@ -63,9 +66,11 @@ def print_summary(folders: Sequence[Path]) -> None:
 
 
 def rerun_folder(folder: Path, out: Path | None, jobs: int, quiet: bool) -> bool:
-    """Runs the folder's resolved campaign again; True where every number is the same to the bit."""
+    """Runs the folder's resolved campaign again; True where every number of results.json (wall times
+    apart) and every signal on disk is the same to the bit."""
     before = read_results(folder)
     campaign = load_campaign(folder / "campaign.toml")
+    require_runs(folder, before, [run.name for run in campaign.runs])
     for run in before["runs"]:
         if run["status"] == "running":
             raise InputError(
@@ -73,22 +78,41 @@ def rerun_folder(folder: Path, out: Path | None, jobs: int, quiet: bool) -> bool
                 f"finish it first: ffl run {folder / 'campaign.toml'} --out {folder} --resume"
             )
     if out is not None:
-        results = run_with_report(campaign, out, jobs, quiet=quiet).results
-    else:
-        with tempfile.TemporaryDirectory() as scratch:
-            results = _run(campaign, Path(scratch) / "again", jobs, False, quiet).results
+        return _compared(before, folder, run_with_report(campaign, out, jobs, quiet=quiet))
+    with tempfile.TemporaryDirectory() as scratch:
+        again = _run(campaign, Path(scratch) / "again", jobs, False, quiet)
+        return _compared(before, folder, again)
+
+
+def _compared(before: dict[str, Any], folder: Path, again: Outcome) -> bool:
+    """Prints run by run what came out the same; True where all did."""
     rows, same = [], True
-    for old, new in zip(before["runs"], results["runs"], strict=True):
-        equal = _numbers(old) == _numbers(new)
-        same &= equal
+    done = {run["name"]: run for run in again.results["runs"]}
+    for old in before["runs"]:
+        name, new = old["name"], done[old["name"]]
+        found, file = table_differences(old, new), folder / f"{name}.h5"
+        if file.exists():
+            signals = signal_differences(file, again.folder / file.name)
+            found += [f"signal {signal}" for signal in signals]
+        same &= not found
+        alone = "" if file.exists() or not old["error_norm"] else f" ({file.name} is not there)"
         difference = _difference(old["error_norm"], new["error_norm"])
-        rows.append([old["name"], "same" if equal else "differs", difference])
+        rows.append([name, _told(found) + alone, difference])
+    beside = table_differences(_campaign(before), _campaign(again.results))
+    if beside:
+        rows.append(["all", _told(beside), ""])
     print_table(["run", "numbers", "largest relative difference of ||e||"], rows)
-    return same
+    return same and not beside
 
 
-def _numbers(run: dict[str, Any]) -> list[Any]:
-    return [run[name] for name in ("error_norm", "feedforward_norm", "cost")]
+def _campaign(results: dict[str, Any]) -> dict[str, Any]:
+    """What results.json holds of the campaign as a whole; versions may differ."""
+    return {key: value for key, value in results.items() if key not in ("runs", "versions")}
+
+
+def _told(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f"differs: {', '.join(names[:NAMED])}{more}" if names else "same"
 
 
 def _difference(old: list[float], new: list[float]) -> float:

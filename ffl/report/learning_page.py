@@ -9,6 +9,7 @@ import numpy as np
 from ffl.report import learning_figures as draw
 from ffl.report.finished import FinishedRun, cumulative_power, motion_interval, pre_actuation
 from ffl.report.page import Page, drawing, subplots
+from ffl.report.weight_words import equal_error_weights
 from ffl.systems import Plant, StateSpace, Zpk, as_zpk
 from ffl.systems.state_space import Array
 
@@ -90,19 +91,23 @@ def _summary(page: Page, runs: Sequence[FinishedRun]) -> None:
                 run.entry["feedforward_norm"][-1],
                 float(np.median([u["seconds"] for u in updates])) if updates else None,
                 max(residuals) if residuals else None,
+                _used(run),
                 max((u.get("active", 0) for u in updates), default=0),
             ]
         )
     header = [
         "run", "status", "parameters", f"‖e₁‖ [{_label(unit)}]", f"‖e_last‖ [{_label(unit)}]",
-        "last / first", "‖f_last‖", "update [s]", "KKT residual", "active bounds",
+        "last / first", "‖f_last‖", "update [s]", "KKT residual", "directions used", "active bounds",
     ]  # fmt: skip
     page.table(
         header,
         rows,
         "2-norms over all samples of the reference, the rest before and after the motion included. "
         "Update: median wall time. KKT residual: the largest of all updates, relative; below 1e-8 "
-        "the update is the minimiser of criterion (3).",
+        "the update is the minimiser of criterion (3) over the directions used. Where these are "
+        "fewer than the parameters, the reference shows the others less than 1e-10 of the largest; "
+        "they are left at zero, since with them parameters grow large and cancel, and in brackets "
+        "stands by how much at most criterion (3) therefore lies above its minimum over all.",
     )
     if len(runs) > 1:
         page.heading("Last error of each run, below that of another")
@@ -122,6 +127,20 @@ def _summary(page: Page, runs: Sequence[FinishedRun]) -> None:
     for run in runs:
         if "message" in run.entry:
             page.note(f"{run.label} stopped ({run.entry['status']}): {run.entry['message']}", "bad")
+
+
+def _used(run: FinishedRun) -> str:
+    """Rank of the updates' problems of the number of parameters, and what the others would bring."""
+    updates = run.entry["update"]
+    if not updates:
+        return ""
+    ranks = sorted({u["rank"] for u in updates if "rank" in u})
+    if not ranks:
+        return ""
+    told = f"{ranks[0]}" if len(ranks) == 1 else f"{ranks[0]} to {ranks[-1]}"
+    left = max((u["left_out"] for u in updates if "left_out" in u), default=0.0)
+    beside = f" ({left:.2%})" if ranks[0] < run.entry["parameters"] and left else ""
+    return f"{told} of {run.entry['parameters']}{beside}"
 
 
 def _below(one: FinishedRun, other: FinishedRun) -> str:
@@ -276,14 +295,7 @@ def to_invert(plant: Plant, frequencies: Array) -> Array:
 
 
 def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
-    groups: dict[str, list[int]] = {}
-    for index, run in enumerate(runs):
-        weight = run.spec.weights.error
-        shown = f"{weight:g}" if isinstance(weight, float) else type(weight).__name__
-        key = f"W_e = {shown}" + (
-            f", {run.folder.name}" if not _same_reference(run, runs[0]) else ""
-        )
-        groups.setdefault(key, []).append(index)
+    groups = equal_error_weights(runs)
     columns = min(len(groups), 3)
     rows = -(-len(groups) // columns)
     with drawing():
@@ -291,7 +303,7 @@ def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
         for ax in axes.ravel()[len(groups) :]:
             ax.set_visible(False)
         told = []
-        for ax, (title, members) in zip(axes.ravel(), groups.items(), strict=False):
+        for ax, (title, members) in zip(axes.ravel(), groups, strict=False):
             t = runs[members[0]].campaign.sample_time
             spectra = [cumulative_power(runs[k].signal("e"), t) for k in members]
             largest = max(total[-1] for _, total in spectra)
@@ -308,7 +320,7 @@ def _power(page: Page, runs: Sequence[FinishedRun]) -> None:
             figure,
             "Normalised cumulative power spectrum of the last error",
             "Read at the right edge: all the power of e, in per cent of the largest of its group "
-            f"(equal weights): {'; '.join(told)}. A step marks a frequency at which error is left. "
+            f"(equal W_e): {'; '.join(told)}. A step marks a frequency at which error is left. "
             f"Counterpart of Figure 9 (bottom) of {PAPER}, where repeating the poles ends at 60 %.",
         )
 

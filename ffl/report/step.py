@@ -13,6 +13,7 @@ from ffl import __version__
 from ffl.bases import FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
+from ffl.campaign.state import read_state
 from ffl.campaign.store import versions
 from ffl.errors import InputError
 from ffl.learn.foretold import Foretold, foretold
@@ -64,7 +65,9 @@ def step_with_report(
         raise InputError(f"{basis_path}: {error}") from None
     mapping = find_map(str(map), Path()) if map is not None else None
     recording = read_recording(find_recording(str(trial), Path()), mapping)
-    number, previous = _read_state(state, basis.names) if state is not None else (0, None)
+    number, previous = 0, None
+    if state is not None:
+        number, previous = read_state(state, basis.names, form.basis, model)
     try:
         step = learn_from_recording(
             model, basis, recording, weights, constraints, previous, form.update
@@ -119,32 +122,6 @@ def _require_sound(model: Plant, recording: Recording) -> None:
         raise InputError(f"{fault.recording}: {fault.where}: {fault.mend}")
 
 
-def _read_state(path: Path, names: list[str]) -> tuple[int, Array]:
-    """Number of the trial and its parameters from the state.json of the step before."""
-    try:
-        state = json.loads(path.read_text())
-        if state["schema"] != 1 or list(state["names"]) != names:
-            raise InputError(
-                f"{path}: parameters {', '.join(state['names'])} are not those of the basis "
-                f"({', '.join(names)}); give the state of the same basis"
-            )
-        theta = np.array(state["theta"], float)
-        if theta.shape != (len(names),) or not np.all(np.isfinite(theta)):
-            raise InputError(f"{path}: theta: give {len(names)} finite numbers")
-        return int(state["trial"]), theta
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder; give the state.json in it") from None
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError) as error:
-        what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
-        raise InputError(
-            f"{path}: not a state that 'ffl step' wrote ({what}); give its state.json"
-        ) from None
-
-
 def _csv(time: Array, reference: Array, feedforward: Array) -> str:
     rows = zip(time, reference, feedforward, strict=True)
     return "t,r,f\n" + "".join(f"{float(a)!r},{float(b)!r},{float(c)!r}\n" for a, b, c in rows)
@@ -169,7 +146,8 @@ def _answer(step: Step, documented: dict[str, float], trial: int) -> dict[str, A
             "status": step.report.status,
             "kkt_residual": step.report.kkt_residual,
             "rank": step.report.rank,
-        },
+        }
+        | ({"left_out": step.report.left_out} if np.isfinite(step.report.left_out) else {}),
         "notes": list(step.notes),
     }
     learned = {entry["name"]: entry["on_plant"] for entry in parameters}
@@ -206,6 +184,7 @@ def step_page(
             (f"recorded error, RMS [{unit_y}]", answer["error_norm"] / n),
             (f"predicted next error, RMS [{unit_y}]", answer["predicted_error_norm"] / n),
             ("KKT residual of the update", step.report.kkt_residual),
+            ("directions used, of the parameters", f"{step.report.rank} of {len(step.names)}"),
         ]
     )
     servo = bool(np.any(step.servo))

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ffl.errors import InputError
+
+REFUSED = (PermissionError, FileNotFoundError, IsADirectoryError, NotADirectoryError)
 
 
 def require_folder(path: Path, option: str = "--out") -> None:
@@ -17,19 +21,35 @@ def require_folder(path: Path, option: str = "--out") -> None:
             raise InputError(f"{place}: is a file; give a folder for {option}")
 
 
+@contextmanager
+def written_aside(path: Path) -> Iterator[Path]:
+    """The file beside `path` to write first, taken away in the end; where it cannot be written, that
+    is said of `path`."""
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield aside
+    except OSError as error:
+        why = error.strerror or str(error)
+        if isinstance(error, REFUSED):
+            raise InputError(
+                f"{path}: cannot be written: {why}; give another --out, or mend what stands there"
+            ) from None
+        raise OSError(error.errno, why, str(path)) from None
+    finally:
+        with suppress(OSError):
+            aside.unlink(missing_ok=True)
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Replaces `path` by `content` in one step; a crash leaves the old file or the new one."""
     require_folder(path.parent)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with written_aside(path) as aside:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with aside.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def write_text(path: Path, content: str) -> None:

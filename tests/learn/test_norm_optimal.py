@@ -1,9 +1,11 @@
 """The update against dense oracles, its own KKT conditions, and bounds that bind."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from ffl.bases import FIR, OBF, Derivatives
+from ffl.bases import FIR, OBF, Derivatives, SumBasis
 from ffl.errors import InputError
 from ffl.learn import Constraints, FreeSignalUpdate, NormOptimal, Weights
 from ffl.learn.convex import conflict
@@ -145,6 +147,45 @@ def test_per_sample_bounds_act_where_they_are(model, reference, first_trial):
     f = problem.update(np.zeros(9), *first_trial).feedforward
     assert f[1000:1100].max() <= 0.1 + 1e-9
     assert f.max() > 0.5
+
+
+def test_what_unused_directions_would_bring_is_said(model, reference, first_trial):
+    """FIR taps span their own differences, of which the condition number is 13 and not 1e13."""
+    error, weights, basis = first_trial[0], Weights(50.0, 1e-7), BASES["fir"]
+    problem = NormOptimal(model, basis, reference, weights)
+    report = problem.update(np.zeros(10), error).report
+    assert report.rank < 10
+    taps = list(basis.regressors(reference).T)
+    columns = []
+    while taps:
+        columns.append(taps[len(taps) // 2])
+        taps = [a - b for a, b in pairwise(taps)]
+    phi = np.column_stack(columns)
+    response = model.loop.process_sensitivity.filter_columns(phi)
+    matrix = np.vstack([np.sqrt(50.0) * response, np.sqrt(1e-7) * phi])
+    scale = np.linalg.norm(matrix, axis=0)
+    assert np.linalg.cond(matrix / scale) < 100
+    b = np.concatenate([np.sqrt(50.0) * error, np.zeros(len(error))])
+    x = np.linalg.lstsq(matrix / scale, b, rcond=None)[0]
+    least = np.sum((matrix / scale @ x - b) ** 2)
+    following = problem.update(np.zeros(10), error).feedforward
+    predicted = error - model.loop.process_sensitivity.filter(following)
+    excess = weights.cost(predicted, following, following) / least - 1.0
+    assert excess > 0.01
+    assert report.left_out == pytest.approx(excess, rel=1e-3)
+    full = NormOptimal(model, BASES["derivatives"], reference, weights)
+    report = full.update(np.zeros(4), error).report
+    assert (report.rank, report.left_out) == (4, 0.0)
+
+
+def test_a_column_given_twice_leaves_nothing_out(model, reference, first_trial):
+    """What the second one adds is rounding, no direction."""
+    problem = NormOptimal(
+        model, SumBasis([BASES["derivatives"]] * 2), reference, Weights(50.0, 1e-7)
+    )
+    report = problem.update(np.zeros(8), first_trial[0]).report
+    assert report.rank == 4
+    assert report.left_out < 1e-3
 
 
 def test_infeasible_bounds_say_which_and_when(model, reference, first_trial):

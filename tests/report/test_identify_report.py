@@ -122,3 +122,22 @@ def test_a_free_signal_is_no_basis_to_identify(tmp_path, capfd):
     command = ["identify", "instrumental", "--data", data, "--model", "emps", "--basis", str(basis)]
     assert execute(command) == 2
     assert "free.toml: basis kind 'free' has no parameters" in capfd.readouterr().err
+
+
+def test_a_recording_too_short_for_any_order_is_bad_input(tmp_path, capfd):
+    """Of 28 samples no block can be left out that would still judge; 36 will do."""
+    data = written(tmp_path / "a.csv", n_samples=28)
+    assert execute(["identify", "linear", "--data", data]) == 2
+    said = capfd.readouterr().err
+    assert "a.csv: 28 samples are too few" in said
+    assert "order 1 needs 36; record longer\n" in said
+    data = written(tmp_path / "b.csv", n_samples=60)
+    assert execute(["identify", "linear", "--data", data, "--order", "4"]) == 2
+    assert "order 4 needs 90; record longer or ask for a lower" in capfd.readouterr().err
+    assert execute(["identify", "linear", "--data", data]) == 0
+
+
+def test_help_says_that_an_instrumental_basis_file_holds_weights(capfd):
+    assert execute(["identify", "--help"]) == 0
+    said = " ".join(capfd.readouterr().out.replace("│", " ").split())
+    assert "TOML with `basis` and `weights`" in said

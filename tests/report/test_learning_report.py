@@ -1,3 +1,6 @@
+import json
+
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +10,7 @@ from ffl.campaign import load_campaign, run_campaign
 from ffl.report.finished import cumulative_power, motion_interval, pre_actuation, read_folders
 from ffl.report.learning import run_with_report, write_report
 from ffl.report.learning_page import wrong_way
+from ffl.report.weight_words import equal_error_weights, in_words
 from ffl.systems import Zpk, zero_order_hold
 
 
@@ -95,3 +99,73 @@ def test_the_response_is_that_of_the_learned_filter(write_campaign, tmp_path):
     z = np.exp(2j * np.pi * 30.0 * 1e-3)
     expected = sum(value * z**-k for k, value in taps.items())
     assert fir.response(np.array([30.0]))[0] == pytest.approx(expected)
+
+
+def test_weights_are_told_in_words():
+    assert in_words("W_e", 50.0) == "W_e = 50"
+    assert in_words("W_e", np.array([0.1, 50.0, 0.5])) == "W_e per sample, 0.1 to 50"
+    assert in_words("W_e", np.full(3, 2.0)) == "W_e = 2"
+    assert in_words("W_e", Zpk([0.5], [0.9, 0.2], 2.0, 1e-3)) == "W_e a filter (1 zero, 2 poles)"
+
+
+def test_only_runs_of_equal_error_weights_share_a_panel(write_campaign, tmp_path):
+    """Two filters and three vectors of which two are equal, one of them but for one sample."""
+    vectors = [[1.0] * 250 + [9.0] * 250, [9.0] * 250 + [1.0] * 250, [1.0] * 250 + [9.0] * 250]
+    filters = [f'{{ form = "zpk", poles = [{pole}], gain = 0.1 }}' for pole in (0.9, 0.8, 0.9)]
+    weights = [*map(str, vectors), *filters, str([1.0] * 500), "1.0"]
+    runs = [
+        f'[[runs]]\nname = "run{k}"\nbasis = [{{ kind = "derivatives", orders = ["velocity"] }}]\n'
+        f"weights = {{ error = {weight} }}\n"
+        for k, weight in enumerate(weights)
+    ]
+    path = write_campaign(trials=2)
+    head = path.read_text()
+    path.write_text(head[: head.index("[[runs]]")] + "".join(runs))
+    run_campaign(load_campaign(path), tmp_path / "out")
+    groups = equal_error_weights(read_folders([tmp_path / "out"]))
+    assert groups == [
+        ("W_e per sample, 1 to 9 (run0)", [0, 2]),
+        ("W_e per sample, 1 to 9 (run1)", [1]),
+        ("W_e a filter (0 zeros, 1 pole) (run3)", [3, 5]),
+        ("W_e a filter (0 zeros, 1 pole) (run4)", [4]),
+        ("W_e = 1", [6, 7]),
+    ]
+    write_report([tmp_path / "out"], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert "ndarray" not in text
+    assert "Zpk" not in text
+
+
+def test_directions_left_out_stand_in_results_and_report(write_campaign, tmp_path):
+    """Nine taps of a smooth reference have fewer directions that it shows above 1e-10."""
+    path = write_campaign(("preview = 2, lag = 2", "preview = 4, lag = 4"))
+    run_with_report(load_campaign(path), tmp_path / "out", quiet=True)
+    runs = {run.label: run for run in read_folders([tmp_path / "out"])}
+    updates = runs["fir"].entry["update"]
+    ranks = {update["rank"] for update in updates}
+    assert max(ranks) < 9
+    largest = max(update["left_out"] for update in updates)
+    assert largest > 0
+    text = (tmp_path / "out" / "report.html").read_text()
+    assert f" of 9 ({largest:.2%})</td>" in text
+    assert "<td>2 of 2</td>" in text
+    assert {update["left_out"] for update in runs["derivatives"].entry["update"]} == {0.0}
+
+
+def test_a_run_of_an_earlier_version_is_read_and_gone_on_with(write_campaign, tmp_path):
+    """Its file has no `left_out`: nothing is said of it."""
+    out = tmp_path / "out"
+    run_campaign(load_campaign(write_campaign(trials=2)), out)
+    before = json.loads((out / "results.json").read_text())
+    for name in ("derivatives", "fir", "free"):
+        with h5py.File(out / f"{name}.h5", "a") as file:
+            del file["left_out"]
+    text = (out / "campaign.toml").read_text().replace("trials = 2", "trials = 3")
+    (out / "campaign.toml").write_text(text)
+    run_campaign(load_campaign(out / "campaign.toml"), out, resume=True)
+    after = json.loads((out / "results.json").read_text())
+    for old, new in zip(before["runs"], after["runs"], strict=True):
+        assert new["error_norm"][:2] == old["error_norm"]
+        assert len(new["error_norm"]) == 3
+        assert not any("left_out" in update for update in new["update"])
+    write_report([out], tmp_path / "page.html")

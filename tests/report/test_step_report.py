@@ -280,6 +280,59 @@ def test_a_wrong_state_is_refused(state, says, files, tmp_path, capfd):
     assert not (tmp_path / "one").exists()
 
 
+OBF = 'basis = [{ kind = "obf", poles = [0.3], outside = [1.2] }]\nweights = { error = 1.0 }\n'
+FRICTION = 'basis = [{ kind = "friction", velocity = 0.01 }]\nweights = { error = 1.0 }\n'
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "says"),
+    [
+        (OBF, OBF.replace("0.3", "0.95"), "basis[0].poles[0] is not that of the basis file"),
+        (OBF, OBF.replace("0.3", "0.3, 0.4"), "are not those of the basis"),
+        (FRICTION, FRICTION.replace("0.01", "0.02"), "basis[0].velocity is not that of the basis"),
+        (FRICTION, FRICTION.replace(", velocity = 0.01", ""), "basis[0].velocity is not that"),
+    ],
+)
+def test_a_state_of_other_basis_numbers_is_refused(first, then, says, files, tmp_path, capfd):
+    (tmp_path / "basis.toml").write_text(first)
+    assert execute([*files, "--out", "one"]) == 0
+    state = ["--state", "one/state.json"]
+    said_otherwise = first.replace("1.2]", "1.20], repeat = 1").replace(
+        'n"', 'n", asymmetric = false'
+    )
+    assert said_otherwise != first
+    (tmp_path / "basis.toml").write_text(said_otherwise)
+    assert execute([*files, *state, "--out", "same"]) == 0
+    (tmp_path / "basis.toml").write_text(then)
+    capfd.readouterr()
+    assert execute([*files, *state, "--out", "two"]) == 2
+    said = capfd.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert says in said
+    assert "give the state of the same basis" in said
+    assert not (tmp_path / "two").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("sample_time", 0.002, "sample_time is 0.002 s there and 0.001 s in model 'emps'"),
+        ("model", "other", "learned with model 'other', and this is model 'emps'"),
+    ],
+)
+def test_a_state_of_another_model_is_refused(key, value, says, files, tmp_path, capfd):
+    assert execute([*files, "--out", "one"]) == 0
+    path = tmp_path / "one" / "state.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    capfd.readouterr()
+    assert execute([*files, "--state", str(path), "--out", "two"]) == 2
+    said = capfd.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert says in said
+    assert "or leave --state out to learn from zero" in said
+    assert not (tmp_path / "two").exists()
+
+
 def test_mistakes_of_model_and_state_name_their_file(files, tmp_path, capfd):
     assert execute([*files, "--state", str(tmp_path), "--out", "one"]) == 2
     assert "is a folder; give the state.json in it" in capfd.readouterr().err

@@ -169,6 +169,7 @@ def best_linear(
         for count in integrators
     ]
     _check_length(pieces, replace(kinds[0], order=max(orders[0], kinds[0].order)))
+    _check_blocks(pieces, kinds, orders, n_folds)
     tried = _climb(search, kinds, orders, n_folds)
     if not tried:
         raise WorkError(_none_admissible(pieces, orders, kind))
@@ -182,6 +183,28 @@ def best_linear(
         )
         chosen = replace(chosen, rungs=beside + chosen.rungs)
     return _result(search, chosen.fitted, chosen.problem, pieces, chosen.rungs)
+
+
+def _least_samples(s: Structure, n_folds: int) -> int:
+    """Samples of a recording of which each block left out still shows a model of this order."""
+    return (n_folds + 1) * (3 * (s.order + 1) + s.delay)
+
+
+def _check_blocks(
+    pieces: Sequence[Signals], kinds: Sequence[Structure], orders: Sequence[int], n_folds: int
+) -> None:
+    """Raises `InputError` where a recording is too short for the lowest order of every kind."""
+    rungs = [replace(k, order=o) for k in kinds for o in orders if o >= max(k.integrators, 1)]
+    if not rungs:
+        return
+    lowest = min(rungs, key=lambda s: _least_samples(s, n_folds))
+    least, shortest = _least_samples(lowest, n_folds), min(pieces, key=len)
+    if len(shortest) < least:
+        lower = " or ask for a lower order" if lowest.order > 1 else ""
+        raise InputError(
+            f"{shortest.source}: {len(shortest)} samples are too few to choose among orders on held-out "
+            f"blocks, of which order {lowest.order} needs {least}; record longer{lower}"
+        )
 
 
 def _none_admissible(pieces: Sequence[Signals], orders: Sequence[int], method: Method) -> str:
@@ -222,7 +245,7 @@ def _climb(
         smaller: list[tuple[Structure, Point]] = []
         for order in (o for o in orders if o >= max(kind.integrators, 1)):
             s = replace(kind, order=order)
-            if shortest // (n_folds + 1) < 3 * (order + 1) + s.delay:
+            if shortest < _least_samples(s, n_folds):
                 break  # the blocks are too short for more
             more = [extended(point, s, small) for small, point in smaller[-2:]]
             fitted, problem = search.fit(s, more)
