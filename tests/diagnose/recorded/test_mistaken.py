@@ -233,3 +233,30 @@ def test_a_machine_that_friction_holds_is_no_wrong_unit():
     plain = SimulatedMachine(pump).run(r, np.zeros_like(r), np.random.default_rng(1))
     (fault,) = mistakes(pump, [replace(plain, y=0.02 * plain.y)])
     assert fault.kind == "unit"
+
+
+@pytest.fixture(scope="module")
+def conveyor():
+    """40 kg that Stribeck friction holds, moved by a controller that nobody states; its plant file."""
+    servo = {
+        "name": "conveyor", "sample_time": 0.005, "units": {"input": "N", "output": "m"},
+        "plant": {"form": "czpk", "zeros": [], "poles": [0.0, -0.3], "gain": 0.025},
+        "controller": {"form": "zpk", "zeros": [0.97], "poles": [0.4], "gain": 4.0e5},
+        "effects": [{"name": "stribeck_friction", "parameters": {
+            "coulomb_level": 18.0, "static_level": 26.0, "stribeck_velocity": 0.03}}],
+    }  # fmt: skip
+    machine = plant_from_dict(servo)
+    there = moves([Move(0.5, 0.5, 0.4, 0.8, 8.0), Move(5.0, -0.3, 0.4, 0.8, 8.0)], 10.0, 0.005)
+    run = SimulatedMachine(machine).run(there, np.zeros_like(there), np.random.default_rng(2))
+    return replace(machine, controller=None, effects=()), run
+
+
+@pytest.mark.parametrize("turned", ["u", "y", ""])
+def test_a_sign_beside_friction_that_takes_half_of_the_command(conveyor, turned):
+    plant, run = conveyor
+    run = Recording.from_signals(0.005, u=run.u, y=run.y, source="belt.csv")
+    if turned:
+        run = replace(run, **{turned: -getattr(run, turned)})
+    found = mistakes(plant, [run])
+    assert [f.kind for f in found] == (["sign"] if turned else [])
+    assert all("flip y or u" in f.mend for f in found)
