@@ -26,6 +26,18 @@ class Laplace:
         kept = order[:n]
         return kept, weight[kept] / weight[kept].sum()
 
+    def covariance_about(self, theta: np.ndarray) -> np.ndarray:
+        """sum_h w_h (C_h + (m_h - theta)(m_h - theta)'): what one node alone leaves out of the error."""
+        kept, weight = self.heaviest(1 - 1e-4, len(self.means))
+        off = self.means[kept] - theta
+        return np.einsum("h,hij->ij", weight, self.covariances[kept]) + off.T @ (
+            off * weight[:, None]
+        )
+
+    def restricted(self, kept: np.ndarray) -> "Laplace":
+        """The same approximation at some of the nodes."""
+        return Laplace(self.means[kept], self.covariances[kept], self.log_evidence[kept])
+
 
 def posterior_mode(
     record: Record, prior: Prior, theta: np.ndarray, n_ac: int, max_steps: int = 40

@@ -23,7 +23,14 @@ from ffl.identify.bayes.maximum_likelihood import (
     wrong_side,
 )
 from ffl.identify.bayes.metropolis import Chains, metropolis
-from ffl.identify.bayes.prior import LARGEST_DECAY, Node, Prior, grid_prior, peaks_around
+from ffl.identify.bayes.prior import (
+    CORRELATIONS,
+    LARGEST_DECAY,
+    Node,
+    Prior,
+    grid_prior,
+    peaks_around,
+)
 from ffl.identify.bayes.records import Record
 
 SAMPLING_LIMIT = 12  # taps: beyond, importance weights degenerate and the mode stands alone
@@ -125,7 +132,7 @@ def _sampled(
     # nodes that the data rule out add less than 1e-4 to any density and cost as much as the others
     kept, _ = laplace.heaviest(1 - 1e-4, len(prior.nodes))
     prior = prior.restricted(kept)
-    laplace = Laplace(laplace.means[kept], laplace.covariances[kept], laplace.log_evidence[kept])
+    laplace = laplace.restricted(kept)
     drawn = importance_sample(record, prior, laplace, n_ac, start.inside, rng, n_draws)
     ess = drawn.effective_sample_size
     if ess >= least_ess:
@@ -214,14 +221,13 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
         raise wrong_side(n_ac, n_c)
     _, prior, mode, start = best
     check_explained(record, start, n_ac, n_c)
-    laplace = laplace_per_node(record, prior, mode, n_ac)
-    heaviest = int(np.argmax(laplace.log_evidence))
+    prior, mode, laplace = _rough_or_smooth(record, prior, mode, n_ac, n_decays, slowest)
     return Posterior(
         n_ac,
         mode,
-        laplace.covariances[heaviest],
+        laplace.covariance_about(mode),
         mode,
-        start.misfit / (record.n_samples - 2),
+        record.misfit(record.response(mode, n_ac)) / (record.n_samples - 2),
         _kernel(prior, mode[None], np.ones(1)),
         start,
         "mode",
@@ -230,6 +236,34 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
         float(np.logaddexp.reduce(laplace.log_evidence)),
         None,
     )
+
+
+def _rough_or_smooth(
+    record: Record, smooth: Prior, mode: np.ndarray, n_ac: int, n_decays: int, slowest: float
+) -> tuple[Prior, np.ndarray, Laplace]:
+    """Prior with the rough kernels beside the smooth one where the evidence is for them; mode and
+    Laplace approximation under it.
+
+    One correlation at a time, so that memory stays that of one grid; nodes with less than 1e-4 of the
+    evidence of all are left out.
+    """
+    peaks = tuple(sorted({node.peak for node in smooth.nodes}))
+    n_c = len(mode) - n_ac
+    found: list[tuple[Prior, np.ndarray]] = []
+    guess = mode
+    for correlation in (None, *CORRELATIONS):
+        prior = smooth
+        if correlation is not None:
+            prior = grid_prior(n_ac, n_c, peaks, n_decays, slowest, correlation)
+            guess = posterior_mode(record, prior, mode, n_ac, max_steps=100)
+        laplace = laplace_per_node(record, prior, guess, n_ac)
+        kept, _ = laplace.heaviest(1 - 1e-4, len(prior.nodes))
+        found.append((prior.restricted(kept), laplace.log_evidence[kept]))
+    prior = Prior.joined([prior for prior, _ in found])
+    evidence = np.concatenate([evidence for _, evidence in found])
+    prior = prior.restricted(np.flatnonzero(evidence > evidence.max() + np.log(1e-4)))
+    mode = posterior_mode(record, prior, mode, n_ac, max_steps=100)
+    return prior, mode, laplace_per_node(record, prior, mode, n_ac)
 
 
 def _kernel(prior: Prior, thetas: np.ndarray, weights: np.ndarray) -> KernelPosterior:
