@@ -14,7 +14,7 @@ from ffl.errors import InputError
 from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.importance import WeightedDraws, importance_sample
 from ffl.identify.bayes.lack_of_fit import lack_of_fit, remark
-from ffl.identify.bayes.laplace import Laplace, laplace_per_node, posterior_mode
+from ffl.identify.bayes.laplace import Laplace, Moments, laplace_per_node, posterior_mode
 from ffl.identify.bayes.maximum_likelihood import (
     MaximumLikelihood,
     check_explained,
@@ -34,6 +34,7 @@ from ffl.identify.bayes.prior import (
 from ffl.identify.bayes.records import Record
 
 SAMPLING_LIMIT = 12  # taps: beyond, importance weights degenerate and the mode stands alone
+COUNTED_TAPS = 4  # what the evidence of a kernel counts for in the errors, see `_rough_or_smooth`
 
 
 @dataclass(frozen=True)
@@ -221,11 +222,13 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
         raise wrong_side(n_ac, n_c)
     _, prior, mode, start = best
     check_explained(record, start, n_ac, n_c)
-    prior, mode, laplace = _rough_or_smooth(record, prior, mode, n_ac, n_decays, slowest)
+    prior, mode, covariance, log_evidence = _rough_or_smooth(
+        record, prior, mode, n_ac, n_decays, slowest
+    )
     return Posterior(
         n_ac,
         mode,
-        laplace.covariance_about(mode),
+        covariance,
         mode,
         record.misfit(record.response(mode, n_ac)) / (record.n_samples - 2),
         _kernel(prior, mode[None], np.ones(1)),
@@ -233,37 +236,41 @@ def _mode_only(record: Record, n_ac: int, n_c: int, n_decays: int, peak_reach: i
         "mode",
         float("nan"),
         float("nan"),
-        float(np.logaddexp.reduce(laplace.log_evidence)),
+        log_evidence,
         None,
     )
 
 
 def _rough_or_smooth(
     record: Record, smooth: Prior, mode: np.ndarray, n_ac: int, n_decays: int, slowest: float
-) -> tuple[Prior, np.ndarray, Laplace]:
-    """Prior with the rough kernels beside the smooth one where the evidence is for them; mode and
-    Laplace approximation under it.
+) -> tuple[Prior, np.ndarray, np.ndarray, float]:
+    """Prior with the rough kernels beside the smooth one where the evidence is for them; the mode, its
+    mean square error and the log evidence under it.
 
-    One correlation at a time, so that memory stays that of one grid; nodes with less than 1e-4 of the
-    evidence of all are left out.
+    The error is that over all nodes, each weighted with evidence^(4 / n): the evidence takes the n taps
+    for draws of the kernel, but those of a plant with few poles follow from few numbers. With a zero at
+    -1.5 (20 + 20 taps, 3000 samples, 5 % noise), at full weight, the envelope that three large taps
+    choose left the small ones off by 4.4 deviations (rms, up to 11); at this weight 1.6.
+    One correlation at a time, so that memory stays that of one grid.
     """
     peaks = tuple(sorted({node.peak for node in smooth.nodes}))
-    n_c = len(mode) - n_ac
-    found: list[tuple[Prior, np.ndarray]] = []
-    guess = mode
+    n_c, temper = len(mode) - n_ac, max(1.0, len(mode) / COUNTED_TAPS)
+    priors, evidence, moments = [], [], []
     for correlation in (None, *CORRELATIONS):
-        prior = smooth
+        prior, guess = smooth, mode
         if correlation is not None:
             prior = grid_prior(n_ac, n_c, peaks, n_decays, slowest, correlation)
             guess = posterior_mode(record, prior, mode, n_ac, max_steps=100)
         laplace = laplace_per_node(record, prior, guess, n_ac)
+        moments.append(laplace.moments(mode, temper))
         kept, _ = laplace.heaviest(1 - 1e-4, len(prior.nodes))
-        found.append((prior.restricted(kept), laplace.log_evidence[kept]))
-    prior = Prior.joined([prior for prior, _ in found])
-    evidence = np.concatenate([evidence for _, evidence in found])
-    prior = prior.restricted(np.flatnonzero(evidence > evidence.max() + np.log(1e-4)))
-    mode = posterior_mode(record, prior, mode, n_ac, max_steps=100)
-    return prior, mode, laplace_per_node(record, prior, mode, n_ac)
+        priors.append(prior.restricted(kept))
+        evidence.append(laplace.log_evidence[kept])
+    log = np.concatenate(evidence)
+    prior = Prior.joined(priors).restricted(np.flatnonzero(log > log.max() + np.log(1e-4)))
+    final = posterior_mode(record, prior, mode, n_ac, max_steps=100)
+    covariance = Moments.pooled(moments).about(final - mode)
+    return prior, final, covariance, float(np.logaddexp.reduce(log) - np.log(len(priors)))
 
 
 def _kernel(prior: Prior, thetas: np.ndarray, weights: np.ndarray) -> KernelPosterior:

@@ -16,7 +16,7 @@ scatters the fit by a point up or down with where its nodes happen to fall.
 (9) says that the taps are smooth. The inverse of a plant that is weak at high frequency is not: its
 first taps alternate in sign, the record is weak in that very direction, and the prior fills it in with
 errors of up to eight of its own deviations (zeros 0.6 and -0.3, poles 0.92 and 0.8 +- 0.3i, 2 % noise,
-6000 samples). `CORRELATIONS` are the rivals that the evidence decides between: 33 nats for -0.5 there.
+6000 samples). `CORRELATIONS` are the rivals that the evidence decides between: 41 nats for -0.5 there.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from numba import njit
 from ffl.identify.bayes.stable_spline import correlated, stable_spline
 
 LEAST_DECAY, LARGEST_DECAY = 0.02, 0.9
-CORRELATIONS = (-0.8, -0.5, 0.0, 0.5, 0.8)  # beside (9); finer steps move the evidence by 1 nat
+CORRELATIONS = (-0.8, -0.5, 0.0, 0.5, 0.8)  # of neighbours, beside (9)
 
 
 @dataclass(frozen=True)
