@@ -187,7 +187,10 @@ def _bayes(task: Task) -> Found:
     page.section("Inverse").figure(
         figure,
         "Taps of the inverse",
-        "Posterior mean and two standard deviations either way; taps before zero act before the "
+        "Posterior mode and two standard deviations either way, over smooth, "
+        "independent and alternating taps; taps before zero act before the reference does."
+        if found.status == "mode"
+        else "Posterior mean and two standard deviations either way; taps before zero act before the "
         "reference does.",
     )
     return Found(facts, page, found.remarks, basis=_filter(fitted.taps_, fitted.theta_))

@@ -49,7 +49,7 @@ class _DirectInverse(Estimator):
         return shifted(r, self.n_ac, self.n_c, len(r)) @ self._learned("theta_")
 
     def standard_errors(self) -> np.ndarray:
-        """Posterior standard deviation of every tap."""
+        """Posterior standard deviation of every tap; what taps that were cut off do is not in it."""
         return np.sqrt(np.diag(self._learned("result_").covariance))
 
     def plot(self, ax: Any) -> Any:
@@ -76,7 +76,8 @@ class DirectBayesianInverse(_DirectInverse):
 
     y = sum_t xi(theta, t) u(. - t) + v, v white and normal, xi the bounded inverse of theta (8), with
     its part at t < 0, which (8) leaves out and the data rule out (`records.Record`); prior (9) with the
-    hyperparameters and the noise variance integrated out (`prior`, `posterior`).
+    hyperparameters and the noise variance integrated out (`prior`, `posterior`). Beyond 12 taps kernels
+    without the smoothness of (9) stand beside it, and the standard errors are those over all of them.
 
     Parameters: `n_ac`, `n_c` non-causal and causal taps; `n_draws` of importance sampling;
     `n_decays` points of the grid of decays; `peak_reach` how far from the largest tap the kernel's

@@ -26,6 +26,50 @@ class Laplace:
         kept = order[:n]
         return kept, weight[kept] / weight[kept].sum()
 
+    def moments(self, centre: np.ndarray, temper: float) -> "Moments":
+        """Moments about `centre` under weights evidence^(1 / temper)."""
+        log = self.log_evidence / temper
+        weight = np.exp(log - log.max())
+        off = self.means - centre
+        return Moments(
+            float(log.max()),
+            float(weight.sum()),
+            weight @ off,
+            np.tensordot(weight, self.covariances, 1) + off.T @ (off * weight[:, None]),
+        )
+
+    def restricted(self, kept: np.ndarray) -> "Laplace":
+        """The same approximation at some of the nodes."""
+        return Laplace(self.means[kept], self.covariances[kept], self.log_evidence[kept])
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Unnormalised moments of theta - centre, weights in units of exp(log_top)."""
+
+    log_top: float
+    total: float
+    first: np.ndarray
+    second: np.ndarray
+
+    @staticmethod
+    def pooled(parts: "list[Moments]") -> "Moments":
+        """Moments of all parts, normalised."""
+        top = max(part.log_top for part in parts)
+        share = np.array([np.exp(part.log_top - top) for part in parts])
+        total = float(share @ [part.total for part in parts])
+        return Moments(
+            top + np.log(total),
+            1.0,
+            share @ np.stack([part.first for part in parts]) / total,
+            np.tensordot(share, np.stack([part.second for part in parts]), 1) / total,
+        )
+
+    def about(self, off: np.ndarray) -> np.ndarray:
+        """Mean square error of centre + `off`: E (theta - centre - off)(theta - centre - off)'."""
+        cross = np.outer(self.first, off)
+        return self.second - cross - cross.T + np.outer(off, off)
+
 
 def posterior_mode(
     record: Record, prior: Prior, theta: np.ndarray, n_ac: int, max_steps: int = 40

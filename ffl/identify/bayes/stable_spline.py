@@ -1,6 +1,8 @@
-"""Non-causal stable spline kernel, equations (9) and (10) of the 2025 paper."""
+"""Non-causal stable spline kernel, equations (9) and (10) of the 2025 paper, and its rough rival."""
 
 import numpy as np
+
+from ffl.identify.kernels import DC
 
 JITTER = 1e-5
 
@@ -22,5 +24,29 @@ def stable_spline(
         s >= 0, float(causal_decay) ** np.maximum(s, 0), float(noncausal_decay) ** np.maximum(-s, 0)
     )
     low, high = np.minimum.outer(b, b), np.maximum.outer(b, b)
-    kernel = low**2 * (3 * high - low) / 6
-    return kernel + JITTER * np.trace(kernel) / len(s) * np.eye(len(s))
+    return _jittered(low**2 * (3 * high - low) / 6)
+
+
+def correlated(
+    taps: np.ndarray,
+    causal_decay: float,
+    noncausal_decay: float,
+    correlation: float,
+    peak: int = 0,
+) -> np.ndarray:
+    """k(t, t') = (b b')^(3/2) correlation^|t - t'|: variance of (9) but for 1/3, not its smoothness.
+
+    Negative: taps that alternate in sign. The DC kernel of Chen, Ohlsson and Ljung (2012), with the
+    jitter of (9).
+    """
+    kernel = DC(
+        decay_causal=causal_decay**3,
+        decay_anticausal=noncausal_decay**3,
+        peak=peak,
+        correlation=correlation,
+    )
+    return _jittered(kernel.matrix(np.asarray(taps)))
+
+
+def _jittered(kernel: np.ndarray) -> np.ndarray:
+    return kernel + JITTER * np.trace(kernel) / len(kernel) * np.eye(len(kernel))
