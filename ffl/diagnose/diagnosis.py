@@ -111,7 +111,7 @@ def _diagnose_output(
     everything = [commanded(model, r) for r in everything]
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
-    notes = [*turned, *glitches, *notes]
+    notes = [*turned, *glitches, *notes, *sound.late_commands(model, everything)]
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
     health = replace(health, faults=mistakes(model, everything, health.faults))

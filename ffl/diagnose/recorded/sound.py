@@ -22,7 +22,13 @@ from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import as_state_space
 
 CONSISTENT = 0.02  # of the command's RMS
+INEXACT = 1e-4  # of it: less is rounding
+EXACTLY = (
+    0.1  # of what the stated equation leaves: what it leaves some samples later, if that is it
+)
+OVERDUE = 9  # samples
 SHIFTS = 64  # samples
+MARGIN = 200  # the same, in which the controller forgets where it began
 CUT = 8  # samples that must stand at the largest |u|, for it to be a limit that nobody stated
 FEW = 0.1  # of the samples: with fewer below a limit it is none to compare by
 ROWS = 20000
@@ -82,6 +88,30 @@ def injected_as_sent(
             kept[-1] = replace(recording, f=k * recording.f)
             notes.append(f"{recording.source}: f acted {k:.4g} times as noted; taken as it acted")
     return kept, notes
+
+
+def late_commands(plant: Plant, recordings: Sequence[Recording]) -> list[str]:
+    """Notes on recordings that the stated controller explains, and a few samples later far better: too
+    near for a fault, and a delay that nobody stated. (Of a voice coil at 10 kHz 1.1 % of u a sample.)"""
+    found: dict[int, tuple[str, float, float]] = {}
+    for recording in recordings:
+        short = len(recording) <= 2 * (SHIFTS + MARGIN)
+        if plant.controller is None or "u" in recording.missing or short:
+            continue
+        eq = _Equation(plant, recording)
+        if eq.size <= 0.0 or not INEXACT < eq.stated()[0] <= CONSISTENT:
+            continue
+        given = eq.f + eq.by_r - eq.by_y
+        stated = _moved(eq, eq.u - given)
+        behind, late = min((_moved(eq, eq.u - np.roll(given, k)), k) for k in range(1, OVERDUE))
+        if behind < EXACTLY * stated:
+            found.setdefault(late, (recording.source, stated, behind))
+    return [
+        f"{source}: u is what the stated controller gives {late} sample{'s'[: late > 1]} later (leaves "
+        f"{100.0 * behind:.2g} % of it, as stated {100.0 * stated:.2g} %): give [controller] {late} "
+        f"pole{'s'[: late > 1]} at 0 more, or align the columns"
+        for late, (source, stated, behind) in found.items()
+    ]
 
 
 def _dead(recording: Recording) -> Fault | None:
@@ -276,7 +306,7 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
 
 def _moved(eq: _Equation, part: Array) -> float:
     """RMS of what is left of u, in shares of it, away from the ends."""
-    within = slice(SHIFTS + 200, len(part) - SHIFTS)
+    within = slice(SHIFTS + MARGIN, len(part) - SHIFTS)
     part = part[within][eq.kept[within]]
     part = part - np.mean(part) if eq.free.shape[1] else part
     return float(np.sqrt(np.mean(part**2))) / eq.size

@@ -9,9 +9,10 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.recorded.commands import feedback_of
-from ffl.diagnose.recorded.sound import soundness
+from ffl.diagnose.recorded.sound import late_commands, soundness
 from ffl.recordings import Recording
 from ffl.systems import Controller, EffectSpec
+from ffl.systems.zpk import as_state_space
 
 
 @pytest.fixture(scope="module")
@@ -171,3 +172,22 @@ def test_a_limit_that_is_stated_is_not_found_as_missing(stage, held, record):  #
     (effect,) = answer["effects"]
     assert effect["name"] == "dead_zone"
     assert effect["parameters"]["half_width"]["value"] == pytest.approx(0.05, rel=0.02)
+
+
+@pytest.mark.parametrize("late", [0, 1, 3])
+def test_a_delay_too_short_for_a_fault_is_noted(stage, late):  # type: ignore[no-untyped-def]
+    """Of slow motion a few samples are less than 2 % of the command."""
+    t = stage.sample_time * np.arange(6000)
+    r = 0.05 * np.sin(2 * np.pi * 0.2 * t) ** 3
+    y = np.convolve(r, np.ones(20) / 20)[: len(r)]
+    given = as_state_space(stage.controller.reference).filter(r).ravel()
+    given = given - as_state_space(stage.controller.output).filter(y).ravel()
+    u = np.concatenate([np.zeros(late), given[: len(given) - late]])
+    run = Recording.from_signals(stage.sample_time, u=u, y=y, r=r, source="slow.csv")
+    assert not soundness(stage, [run]).faults
+    notes = late_commands(stage, [run, run])
+    assert len(notes) == (late > 0)
+    if late:
+        assert f"{late} sample{'s'[: late > 1]} later" in notes[0]
+        assert f"{late} pole{'s'[: late > 1]} at 0 more" in notes[0]
+    assert late_commands(replace(stage, controller=None), [run]) == []
