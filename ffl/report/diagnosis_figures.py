@@ -157,7 +157,7 @@ def ladder(ax: Axes, step: Step) -> Axes:
     ax.set_xscale("symlog", linthresh=30.0)
     ax.axvline(0.0, color=COLOURS[6], linewidth=0.8)
     ax.set_xlabel("log-likelihood gained")
-    ax.legend(loc="lower right")
+    ax.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))  # above: bars fill the axes
     return ax
 
 
