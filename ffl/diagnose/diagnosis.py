@@ -111,9 +111,10 @@ def _diagnose_output(
     everything = [commanded(model, r) for r in everything]
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
-    notes = [*turned, *glitches, *notes, *sound.late_commands(model, everything)]
+    notes = [*turned, *glitches, *notes]
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
+    notes += health.notes
     health = replace(health, faults=mistakes(model, everything, health.faults))
     if health.faults:
         return faulty(model, health)
@@ -248,7 +249,8 @@ def _named(
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:
         say(f"{standing.name}: foretells sample by sample what no free run does")
-        notes += [] if "backlash" in standing.model.names else [SMOOTHS]
+        if "backlash" not in standing.model.names:
+            notes.append(SMOOTHS)
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")

@@ -59,6 +59,11 @@ class FinishedRun:
         return None if psi is None else psi @ self.theta[-1]
 
 
+def same_reference(one: FinishedRun, other: FinishedRun) -> bool:
+    """Whether two runs follow one reference."""
+    return np.array_equal(one.campaign.reference, other.campaign.reference)
+
+
 def read_folders(folders: Sequence[Path]) -> list[FinishedRun]:
     """Every run with at least one trial; labelled by run, and by folder where there are several."""
     found: list[FinishedRun] = []

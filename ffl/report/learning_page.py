@@ -7,7 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ffl.report import learning_figures as draw
-from ffl.report.finished import FinishedRun, cumulative_power, motion_interval, pre_actuation
+from ffl.report.finished import (
+    FinishedRun,
+    cumulative_power,
+    motion_interval,
+    pre_actuation,
+    same_reference,
+)
 from ffl.report.page import Page, drawing, subplots
 from ffl.report.weight_words import equal_error_weights
 from ffl.systems import Plant, StateSpace, Zpk, as_zpk
@@ -33,8 +39,8 @@ def learning_page(runs: Sequence[FinishedRun]) -> Page:
     _errors(page, runs)
     for index, folder in enumerate(campaigns):
         group = [run for run in runs if run.folder == folder]
-        if index == 0 or not _same_reference(group[0], runs[0]):
-            same = [run for run in runs if _same_reference(run, group[0])]
+        if index == 0 or not same_reference(group[0], runs[0]):
+            same = [run for run in runs if same_reference(run, group[0])]
             _time_domain(page, same)
         model = _text(group[0], "model")
         if index == 0 or model != _text(runs[0], "model"):
@@ -48,10 +54,6 @@ def learning_page(runs: Sequence[FinishedRun]) -> Page:
 
 def _list(names: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(names))
-
-
-def _same_reference(one: FinishedRun, other: FinishedRun) -> bool:
-    return np.array_equal(one.campaign.reference, other.campaign.reference)
 
 
 def _text(run: FinishedRun, plant: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ffl.learn.weights import Weight
-from ffl.report.finished import FinishedRun
+from ffl.report.finished import FinishedRun, same_reference
 from ffl.systems import Zpk
 
 
@@ -41,11 +41,10 @@ def equal_error_weights(runs: Sequence[FinishedRun]) -> list[tuple[str, list[int
     for index, run in enumerate(runs):
         key = (run.campaign.reference.tobytes(), *_identity(run.spec.weights.error))
         groups.setdefault(key, []).append(index)
-    first = runs[0].campaign.reference
     told = []
     for members in groups.values():
         run = runs[members[0]]
-        other = not np.array_equal(run.campaign.reference, first)
+        other = not same_reference(run, runs[0])
         told.append(in_words("W_e", run.spec.weights.error) + (f", {run.folder.name}" * other))
     return [
         (title if told.count(title) == 1 else f"{title} ({runs[members[0]].label})", members)

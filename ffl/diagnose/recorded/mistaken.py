@@ -173,14 +173,9 @@ def _against(plant: Plant, u: Array, y: Array) -> bool:
     whole = float(out @ out)
     if whole <= 0.0 or not np.all(np.isfinite(beside)):
         return False
-
-    def remains(sign: float) -> tuple[float, float]:
-        table = np.column_stack([sign * made, -beside])
-        scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-        weights, left = scipy.optimize.nnls(table / scale, out)
-        return float(weights[0] / scale[0]), left**2 / whole
-
-    (factor, turned), (_, stated) = remains(-1.0), remains(1.0)
+    weights, turned = _remains(np.column_stack([-made, -beside]), out, whole)
+    _, stated = _remains(np.column_stack([made, -beside]), out, whole)
+    factor = float(weights[0])
     return turned < TURNED and stated > UNALIKE and 1.0 / FACTOR < factor < FACTOR
 
 
@@ -200,14 +195,16 @@ def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
     whole = float(out @ out)
     if whole <= 0.0 or not np.all(np.isfinite(table)):
         return False
-
-    def remains(columns: Array, wanted: Array) -> float:
-        """Share of y's variance that no sum of `columns` with weights >= 0 explains of `wanted`."""
-        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        return scipy.optimize.nnls(columns / scale, wanted)[1] ** 2 / whole
-
     by_motion = table[:, : len(moved)]
-    if remains(by_motion, made - out) < BETTER * left:
+    if _remains(by_motion, made - out, whole)[1] < BETTER * left:
         return True
-    beside = remains(np.column_stack([made, -by_motion]), out)
-    return remains(table, made - out) < BETTER * min(left, beside)
+    _, beside = _remains(np.column_stack([made, -by_motion]), out, whole)
+    return _remains(table, made - out, whole)[1] < BETTER * min(left, beside)
+
+
+def _remains(columns: Array, wanted: Array, whole: float) -> tuple[Array, float]:
+    """Weights >= 0 of the sum of `columns` that is nearest to `wanted`, and what it leaves of that, of
+    `whole`."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    weights, left = scipy.optimize.nnls(columns / scale, wanted)
+    return weights / scale, left**2 / whole

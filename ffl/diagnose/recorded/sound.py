@@ -23,9 +23,7 @@ from ffl.systems.zpk import as_state_space
 
 CONSISTENT = 0.02  # of the command's RMS
 INEXACT = 1e-4  # of it: less is rounding
-EXACTLY = (
-    0.1  # of what the stated equation leaves: what it leaves some samples later, if that is it
-)
+EXACTLY = 0.1  # of what is left as stated: what is left some samples later, if that is it
 OVERDUE = 9  # samples
 SHIFTS = 64  # samples
 MARGIN = 200  # the same, in which the controller forgets where it began
@@ -46,23 +44,30 @@ class Fault:
 
 @dataclass(frozen=True)
 class Soundness:
-    """`consistency`: RMS of u - f - C_r r + C_y y over that of u, by recording (none in open loop)."""
+    """`consistency`: RMS of u - f - C_r r + C_y y over that of u, by recording (none in open loop);
+    `notes`: what is too little for a fault."""
 
     consistency: tuple[float, ...]
     faults: tuple[Fault, ...]
+    notes: tuple[str, ...] = ()
 
 
 def soundness(plant: Plant, recordings: Sequence[Recording]) -> Soundness:
     """Checks every recording against the stated controller."""
     ratios, faults = [], []
+    notes: dict[int, str] = {}
     for recording in recordings:
         fault = _dead(recording) or _incomplete(recording)
         if fault is None and plant.controller is not None and "u" not in recording.missing:
-            ratio, fault = _against_controller(plant, recording)
+            eq = _Equation(plant, recording)
+            ratio, fault = _against_controller(plant, recording, eq)
             ratios.append(ratio)
+            if fault is None and ratio > INEXACT and (late := _a_little_late(eq)):
+                samples, told = late
+                notes.setdefault(samples, f"{recording.source}: {told}")
         if fault is not None:
             faults.append(fault)
-    return Soundness(tuple(ratios), tuple(faults))
+    return Soundness(tuple(ratios), tuple(faults), tuple(notes.values()))
 
 
 def injected_as_sent(
@@ -88,30 +93,6 @@ def injected_as_sent(
             kept[-1] = replace(recording, f=k * recording.f)
             notes.append(f"{recording.source}: f acted {k:.4g} times as noted; taken as it acted")
     return kept, notes
-
-
-def late_commands(plant: Plant, recordings: Sequence[Recording]) -> list[str]:
-    """Notes on recordings that the stated controller explains, and a few samples later far better: too
-    near for a fault, and a delay that nobody stated. (Of a voice coil at 10 kHz 1.1 % of u a sample.)"""
-    found: dict[int, tuple[str, float, float]] = {}
-    for recording in recordings:
-        short = len(recording) <= 2 * (SHIFTS + MARGIN)
-        if plant.controller is None or "u" in recording.missing or short:
-            continue
-        eq = _Equation(plant, recording)
-        if eq.size <= 0.0 or not INEXACT < eq.stated()[0] <= CONSISTENT:
-            continue
-        given = eq.f + eq.by_r - eq.by_y
-        stated = _moved(eq, eq.u - given)
-        behind, late = min((_moved(eq, eq.u - np.roll(given, k)), k) for k in range(1, OVERDUE))
-        if behind < EXACTLY * stated:
-            found.setdefault(late, (recording.source, stated, behind))
-    return [
-        f"{source}: u is what the stated controller gives {late} sample{'s'[: late > 1]} later (leaves "
-        f"{100.0 * behind:.2g} % of it, as stated {100.0 * stated:.2g} %): give [controller] {late} "
-        f"pole{'s'[: late > 1]} at 0 more, or align the columns"
-        for late, (source, stated, behind) in found.items()
-    ]
 
 
 def _dead(recording: Recording) -> Fault | None:
@@ -194,8 +175,9 @@ def _free(system: StateSpace, n: int) -> Array:
     return out
 
 
-def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Fault | None]:
-    eq = _Equation(plant, recording)
+def _against_controller(
+    plant: Plant, recording: Recording, eq: _Equation
+) -> tuple[float, Fault | None]:
     name = recording.source
     stated, rest = eq.stated()
     if stated <= CONSISTENT:
@@ -245,7 +227,7 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
     # u late (what the controller gives as a whole), or y or r late or early.
     near = min(max(0.3 * stated, 1e-4), 0.1)
     given = eq.f + eq.by_r - eq.by_y
-    behind, late = min((_moved(eq, eq.u - np.roll(given, k)), k) for k in range(1, SHIFTS))
+    behind, late = _behind(eq, SHIFTS)
     shifts = [s for k in range(1, SHIFTS) for s in (k, -k)]
     best, at, column, others = min(
         *(
@@ -276,12 +258,7 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
             "the stated controller gives y from u, not u from y: exchange the two in the mapping",
         )  # fmt: skip
     if behind < min(near, best):
-        plural = "sample" if late == 1 else "samples"
-        return fault(
-            "shift", "the time base",
-            f"u is what the controller gives {late} {plural} later: it takes so long to compute (give "
-            f"[controller] {late} pole{'s'[: late > 1]} at 0 more), or align the columns",
-        )  # fmt: skip
+        return fault("shift", "the time base", _takes_its_time(late))
     if best < near:
         word, plural = "late" if at > 0 else "early", "sample" if abs(at) == 1 else "samples"
         as_well = ""
@@ -302,6 +279,37 @@ def _against_controller(plant: Plant, recording: Recording) -> tuple[float, Faul
         f"u is not what the stated controller gives ({100 * stated:.3g} % of its RMS is left): check "
         "[controller], the units and the columns, or leave [controller] out",
     )  # fmt: skip
+
+
+def _a_little_late(eq: _Equation) -> tuple[int, str] | None:
+    """By how many samples u comes later than the stated controller gives it, where that leaves next to
+    nothing, and in words: too near for a fault, and a delay that nobody stated. (Of a voice coil at 10 kHz
+    1.1 % of u a sample.)"""
+    if len(eq.u) <= 2 * (SHIFTS + MARGIN):
+        return None
+    stated = _moved(eq, eq.u - eq.f - eq.by_r + eq.by_y)
+    behind, late = _behind(eq, OVERDUE)
+    if not behind < EXACTLY * stated:
+        return None
+    return (
+        late,
+        f"{_takes_its_time(late)} ({100.0 * stated:.2g} % of u is left as stated, {behind:.1g} so)",
+    )
+
+
+def _takes_its_time(late: int) -> str:
+    several = "s"[: late > 1]
+    return (
+        f"u is what the controller gives {late} sample{several} later: it takes so long to compute (give "
+        f"[controller] {late} pole{several} at 0 more), or align the columns"
+    )
+
+
+def _behind(eq: _Equation, most: int) -> tuple[float, int]:
+    """What is left of u where it is what the controller gives some samples later, fewer than `most`, and
+    how many leave least."""
+    given = eq.f + eq.by_r - eq.by_y
+    return min((_moved(eq, eq.u - np.roll(given, k)), k) for k in range(1, most))
 
 
 def _moved(eq: _Equation, part: Array) -> float:

@@ -9,7 +9,7 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.recorded.commands import feedback_of
-from ffl.diagnose.recorded.sound import late_commands, soundness
+from ffl.diagnose.recorded.sound import soundness
 from ffl.recordings import Recording
 from ffl.systems import Controller, EffectSpec
 from ffl.systems.zpk import as_state_space
@@ -184,10 +184,11 @@ def test_a_delay_too_short_for_a_fault_is_noted(stage, late):  # type: ignore[no
     given = given - as_state_space(stage.controller.output).filter(y).ravel()
     u = np.concatenate([np.zeros(late), given[: len(given) - late]])
     run = Recording.from_signals(stage.sample_time, u=u, y=y, r=r, source="slow.csv")
-    assert not soundness(stage, [run]).faults
-    notes = late_commands(stage, [run, run])
+    found = soundness(stage, [run, run])
+    assert not found.faults
+    notes = found.notes
     assert len(notes) == (late > 0)
     if late:
         assert f"{late} sample{'s'[: late > 1]} later" in notes[0]
         assert f"{late} pole{'s'[: late > 1]} at 0 more" in notes[0]
-    assert late_commands(replace(stage, controller=None), [run]) == []
+    assert not soundness(replace(stage, controller=None), [run]).notes
