@@ -12,11 +12,32 @@ import numpy as np
 
 from ffl.bases import BASES
 from ffl.campaign.differences import table_differences
+from ffl.campaign.store import versions
 from ffl.errors import InputError
+from ffl.learn.step import Step
 from ffl.systems import Plant
+from ffl.systems.atomic import write_text
 from ffl.systems.state_space import Array
 
 Tables = list[dict[str, Any]] | str
+
+
+def write_state(
+    path: Path, trial: int, step: Step, basis: Tables, model: Plant, recording: str
+) -> None:
+    """What the next step begins with, and what it is checked by."""
+    state = {
+        "schema": 1,
+        "trial": trial,
+        "model": model.name,
+        "sample_time": model.sample_time,
+        "basis": basis,
+        "names": list(step.names),
+        "theta": step.theta.tolist(),
+        "recording": recording,
+        "versions": versions(),
+    }
+    write_text(path, json.dumps(state, indent=1, allow_nan=False) + "\n")
 
 
 def read_state(path: Path, names: list[str], basis: Tables, model: Plant) -> tuple[int, Array]:

@@ -13,8 +13,7 @@ from ffl import __version__
 from ffl.bases import FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
-from ffl.campaign.state import read_state
-from ffl.campaign.store import versions
+from ffl.campaign.state import read_state, write_state
 from ffl.errors import InputError
 from ffl.learn.foretold import Foretold, foretold
 from ffl.learn.step import Step, feedforward_for, learn_from_recording
@@ -94,23 +93,12 @@ def step_with_report(
             for r in (recording, *others)
         ]
         answer["foretold"] = [{"recording": t.recording, **t.rms} for t in told]
-    new_state = {
-        "schema": 1,
-        "trial": number + 1,
-        "model": model.name,
-        "sample_time": model.sample_time,
-        "basis": form.basis,
-        "names": list(step.names),
-        "theta": step.theta.tolist(),
-        "recording": recording.source,
-        "versions": versions(),
-    }
     page = step_page(step, recording, model, answer, told)
     require_folder(out)
     write_text(out / "feedforward.csv", _csv(recording.t, recording.r, step.feedforward))
     write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
     page.write(out / "report.html")
-    write_text(out / "state.json", json.dumps(new_state, indent=1, allow_nan=False) + "\n")
+    write_state(out / "state.json", number + 1, step, form.basis, model, recording.source)
     return answer
 
 
