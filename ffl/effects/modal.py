@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import threading
-import warnings
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg.lapack import dtrsen, dtrsyl
 
 from ffl.effects.mechanics import Mechanics, Mode
 from ffl.systems.plant import Plant
@@ -15,7 +16,9 @@ from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
 
 FAST_POLE = 1e-6  # a pole nearer to the origin of the z plane is part of a delay, not of mechanics
-
+NEAR, MOST = 0.25, 2.0**40  # to the identity, where Gauss's rule is exact; roots taken until then
+NODES, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
+NODES = NODES + 0.5  # of (0, 1)
 
 _TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?"
 _WAY = r"(k|d|c|m|µ|μ|u|n)?m|in|inch|ft|mi|ticks?|counts?|inc|steps?"
@@ -104,12 +107,23 @@ def taken_apart(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
 
 
 def _logarithm(block: Array) -> Array:
-    """L with exp(L) = block, (n, n). That of a defective matrix loses digits, of which scipy warns; one
-    Newton step brings them back."""
-    with _LOCK, warnings.catch_warnings():  # filters are shared by all threads
-        warnings.filterwarnings("ignore", "logm result may be inaccurate", RuntimeWarning)
-        log = np.real(scipy.linalg.logm(block))
-    return log + scipy.linalg.expm(-log) @ block - np.eye(len(block))
+    """L with exp(L) = block, (n, n), by square roots B^(1/2^k) = I + E of its balanced Schur form B,
+    near the identity,
+
+        log B = 2^k int_0^1 E (I + x E)^-1 dx,
+
+    that integral exact to rounding by Gauss's rule, and Newton steps for the digits that roots lose."""
+    balanced, (scale, _) = scipy.linalg.matrix_balance(block, permute=False, separate=True)
+    form, turn = scipy.linalg.schur(balanced)
+    unit, root, doubled = np.eye(len(block)), form, 1.0
+    while np.abs(root - unit).sum(axis=0).max() > NEAR and doubled < MOST:
+        root, doubled = np.real(scipy.linalg.sqrtm(root)), 2.0 * doubled
+    parts = np.linalg.solve(unit + NODES[:, None, None] * (root - unit), root - unit)
+    log = doubled * np.einsum("k,kij->ij", WEIGHTS, parts)
+    log = turn @ log @ turn.T
+    for _ in range(2):
+        log = log + scipy.linalg.expm(-log) @ balanced - unit
+    return scale[:, None] * log / scale  # type: ignore[no-any-return]
 
 
 def _without_delay(system: Zpk | StateSpace) -> tuple[int, StateSpace]:
@@ -158,13 +172,12 @@ def _split_fast(ss: StateSpace) -> tuple[StateSpace, StateSpace]:
 
 def _modes(a: Array, b: Array, c: Array) -> tuple[tuple[Mode, ...], float]:
     """The rigid body (slowest pair of poles), one mode per further pair, and the rigid body's sign."""
-    poles = np.linalg.eigvals(a) if len(a) else np.zeros(0, complex)
-    groups = _pairs(poles)
+    form = SchurForm.of(a)
     modes: list[Mode] = []
     rigid_sign = 0.0
-    scale = max(1.0, float(np.abs(poles).max(initial=0.0)))
-    for group in groups:
-        projector, basis = _projector(a, group, poles, scale)
+    for own in _pairs(form.poles):
+        group = form.poles[own]
+        projector, basis = form.projector(own)
         position, velocity = c @ projector, c @ projector @ a
         numerator = float(velocity @ b - group.sum().real * (position @ b))
         seen = np.vstack([position @ basis, velocity @ basis])
@@ -193,30 +206,51 @@ def _modes(a: Array, b: Array, c: Array) -> tuple[tuple[Mode, ...], float]:
     return tuple(modes), rigid_sign or (-1.0 if c @ b < 0 else 1.0)
 
 
-def _pairs(poles: np.ndarray) -> list[np.ndarray]:
-    """Complex pairs, and real poles two by two from the slowest, slowest pair first; the fastest of
-    an odd number of real poles is left out (a lag, which is no mode)."""
+def _pairs(poles: np.ndarray) -> list[list[int]]:
+    """Where complex pairs are, and real poles two by two from the slowest, slowest pair first; the fastest
+    of an odd number of real poles is left out (a lag, which is no mode)."""
     tiny = 1e-9 * np.maximum(np.abs(poles), 1e-9)
-    upper = poles[poles.imag > tiny]
-    real = poles[np.abs(poles.imag) <= tiny]
-    real = real[np.argsort(np.abs(real), kind="stable")]
-    pairs = [np.array([p, p.conjugate()]) for p in upper]
-    pairs += [real[k : k + 2] for k in range(0, len(real) - 1, 2)]
-    return sorted(pairs, key=lambda pair: float(np.abs(pair).max()))
+    upper, real = poles.imag > tiny, np.flatnonzero(np.abs(poles.imag) <= tiny)
+    real = real[np.argsort(np.abs(poles[real]), kind="stable")]
+    pairs = [[int(k), int(k) + 1] for k in np.flatnonzero(upper)]
+    pairs += [real[k : k + 2].tolist() for k in range(0, len(real) - 1, 2)]
+    return sorted(pairs, key=lambda pair: float(np.abs(poles[pair]).max()))
 
 
-def _projector(a: Array, group: np.ndarray, poles: np.ndarray, scale: float) -> tuple[Array, Array]:
-    """Spectral projector onto the invariant subspace of `group`, and a basis of that subspace."""
-    own: list[complex] = group.tolist()
-    others = [p for p in poles.tolist() if min(abs(p - q) for q in own) > 1e-12 * scale]
-    if len(others) + len(group) != len(poles) or not others:
-        return np.eye(len(a)), np.linalg.qr(np.eye(len(a)))[0]
+@dataclass(frozen=True)
+class SchurForm:
+    """A = Q T Q' with the `poles` in the order of the diagonal, a complex pair in neighbouring places."""
 
-    def chosen(re: float, im: float = 0.0) -> bool:
-        point = complex(re, im)
-        return min(abs(point - p) for p in own) < min(abs(point - p) for p in others)
+    t: Array
+    q: Array
+    poles: np.ndarray
 
-    k = len(group)
-    right = scipy.linalg.schur(a, output="real", sort=chosen)[1][:, :k]
-    left = scipy.linalg.schur(a.T, output="real", sort=chosen)[1][:, :k]
-    return right @ np.linalg.solve(left.T @ right, left.T), right
+    @classmethod
+    def of(cls, a: Array) -> SchurForm:
+        if not len(a):
+            return cls(a, a, np.zeros(0, complex))
+        t, q = scipy.linalg.schur(a, output="real")
+        poles = np.diag(t).astype(complex)
+        for k in np.flatnonzero(np.diag(t, -1)):  # of LAPACK's blocks [[p, b], [c, p]], b c < 0
+            poles[k : k + 2] += 1j * np.sqrt(-t[k, k + 1] * t[k + 1, k]) * np.array([1.0, -1.0])
+        return cls(t, q, poles)
+
+    def projector(self, own: list[int]) -> tuple[Array, Array]:
+        """Spectral projector onto the invariant subspace of the poles `own`, (n, n), and a basis of it:
+        with these first, T11 X - X T22 = T12 gives Q [I X; 0 0] Q'. All is one where another pole is the
+        same to rounding."""
+        n, k = len(self.t), len(own)
+        others = np.delete(self.poles, own)
+        scale = max(1.0, float(np.abs(self.poles).max()))
+        if not len(others) or np.abs(np.subtract.outer(self.poles[own], others)).min() <= (
+            1e-12 * scale
+        ):
+            return np.eye(n), np.eye(n)
+        chosen = np.zeros(n, np.int32)
+        chosen[own] = 1
+        t, q, *_, failed = dtrsen(chosen, self.t, self.q, job="N")
+        x, size, _ = dtrsyl(t[:k, :k], t[k:, k:], t[:k, k:], isgn=-1)
+        if failed or size == 0.0:
+            return np.eye(n), np.eye(n)
+        onto = np.hstack([np.eye(k), x / size]) @ q.T
+        return q[:, :k] @ onto, q[:, :k]

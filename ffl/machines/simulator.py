@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -141,7 +141,7 @@ class Simulator:
         states = np.linalg.lstsq(rows, target, rcond=None)[0]
         return np.concatenate([solution[:size], np.full(m.delay, command), states])
 
-    @cached_property
+    @functools.cached_property
     def rest_unit(self) -> Array:
         """`at_rest` at 1; of one position it is a multiple."""
         return self.at_rest(1.0)
@@ -301,9 +301,16 @@ def _signals(*signals: ArrayLike | None) -> list[Array]:
             "length"
         )
     n = lengths.pop()
-    *four, applied = signals
-    rows = [np.zeros(n) if s is None else _as_row(s) for s in four]
-    return [*rows, np.zeros(0) if applied is None else _as_row(applied)]
+    reference, *three, applied = signals
+    rows = [np.zeros(n) if reference is None else _as_row(reference)]  # a user's to keep
+    rows += [_nothing(n) if s is None else _as_row(s) for s in three]
+    return [*rows, _nothing(0) if applied is None else _as_row(applied)]
+
+
+@functools.lru_cache(maxsize=16)
+def _nothing(n: int) -> Array:
+    """(n,) zeros that nobody writes to: the compiled loop reads its signals."""
+    return np.zeros(n)
 
 
 def _as_row(signal: ArrayLike) -> Array:

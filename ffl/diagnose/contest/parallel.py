@@ -1,7 +1,9 @@
 """Independent pieces of work, shared out between the caller and idle threads.
 
 Kernels, factorisations, transforms and whitening leave the interpreter to others, so that threads do:
-nothing is copied, and every piece is what it would be alone.
+nothing is copied, and every piece is what it would be alone. Whether it pays is seen as it goes: threads
+that take the interpreter from one another (recordings of some thousand samples) were no faster than one,
+and cost a quarter more of the processor; nor are they where other processes have all of it.
 """
 
 from __future__ import annotations
@@ -10,13 +12,17 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
+from time import perf_counter, thread_time
 from typing import TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 THREADS = 2
+PAYS = 1.15  # times as fast as one thread: what sharing out must bring
+REST = 30  # calls of the same kind that are not shared out where it did not
 _POOL = ThreadPoolExecutor(THREADS)
+_RESTS: dict[object, int] = {}  # calls left, by the code of the work
 
 
 def each(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
@@ -26,24 +32,36 @@ def each(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     their own pieces in the same way. An exception of one piece is raised once all that run have ended.
     """
     waiting = list(items)
-    if len(waiting) < 2:
+    kind = getattr(work, "__code__", None)
+    if len(waiting) < 2 or _RESTS.get(kind, 0) > 0:
+        _RESTS[kind] = _RESTS.get(kind, 0) - 1
         return [work(item) for item in waiting]
     done: dict[int, R] = {}
     queue = deque(enumerate(waiting))
+    worked = [0.0, 0.0]  # s of the processor, by the caller and by its helper
 
-    def drain() -> None:
-        while queue:
-            try:
-                k, item = queue.popleft()
-            except IndexError:  # the other was faster
-                return
-            done[k] = work(item)
+    def drain(who: int) -> None:
+        begun = thread_time()
+        try:
+            while queue:
+                try:
+                    k, item = queue.popleft()
+                except IndexError:  # the other was faster
+                    return
+                done[k] = work(item)
+        finally:
+            worked[who] = thread_time() - begun
 
-    helper = _POOL.submit(copy_context().run, drain)  # numpy's error state belongs to the context
+    begun = perf_counter()
+    helper = _POOL.submit(
+        copy_context().run, drain, 1
+    )  # numpy's error state belongs to the context
     try:
-        drain()
+        drain(0)
     finally:
         queue.clear()
         if not helper.cancel():
             helper.result()
+    if sum(worked) < PAYS * (perf_counter() - begun):
+        _RESTS[kind] = REST
     return [done[k] for k in range(len(waiting))]

@@ -3,6 +3,7 @@ import threading
 import numpy as np
 import pytest
 
+from ffl.diagnose.contest import parallel
 from ffl.diagnose.contest.parallel import each
 
 
@@ -17,6 +18,41 @@ def test_keeps_the_order_and_shares_out_what_is_shared_out_within():
 def test_another_thread_takes_part():
     both = threading.Barrier(2, timeout=60.0)  # passed only where two are at work at once
     assert each(lambda _: both.wait() >= 0, range(2)) == [True, True]
+
+
+def test_work_that_threads_only_take_turns_at_is_left_to_one():
+    """Python alone holds the interpreter; a wait does not, and is no work either."""
+    seen: list[int] = []
+
+    def turns(k: int) -> int:
+        seen.append(threading.get_ident())
+        return sum(j * j for j in range(20000)) + k
+
+    for _ in range(3):
+        each(turns, range(20))
+    seen.clear()
+    assert each(turns, range(20)) == [turns(k) for k in range(20)]
+    assert set(seen) == {threading.get_ident()}
+
+
+def test_work_that_leaves_the_interpreter_is_shared_out():
+    """Factorisations do; what was left to one is tried again after a while."""
+    rng = np.random.default_rng(0)
+    tables = [rng.standard_normal((400, 400)) for _ in range(6)]
+    parallel._RESTS.clear()
+    seen: list[int] = []
+
+    def factor(table):  # type: ignore[no-untyped-def]
+        seen.append(threading.get_ident())
+        return np.linalg.qr(table)[1]
+
+    parallel._RESTS[factor.__code__] = 2
+    for _ in range(3):
+        seen.clear()
+        done = each(factor, tables)
+    assert len(set(seen)) == 2
+    for one, table in zip(done, tables, strict=True):
+        np.testing.assert_array_equal(one, np.linalg.qr(table)[1])
 
 
 @pytest.mark.parametrize("bad", [0, 7, 19])

@@ -13,8 +13,9 @@ from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import believable, imitated
-from ffl.diagnose.noise.noise import Noise, Paths, fit_noise, spectrum
+from ffl.diagnose.noise.noise import Noise, Paths, _quantile, fit_noise, spectrum
 from ffl.diagnose.noise.whitening import Whitener
+from ffl.diagnose.noise.whittle import whittle
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import Simulator
 from ffl.systems.plant import Imperfections
@@ -238,3 +239,30 @@ def test_lost_samples_are_foretold_from_the_others(stage):  # type: ignore[no-un
     assert np.array_equal(w(other), white)
     assert np.allclose(w(np.column_stack([e, other]))[:, 1], white, rtol=1e-12)
     assert np.array_equal(w.steady(e), usual.steady(e))
+
+
+@pytest.mark.parametrize("numbers", [2, 6])
+def test_whittles_likelihood_and_its_gradient(stage, numbers):
+    """By its formula, and by central differences."""
+    rng = np.random.default_rng(numbers)
+    frequencies = np.geomspace(1.0, 450.0, 60)
+    paths = Paths.of(stage.loop, frequencies)
+    power, weight = rng.exponential(1e-12, 60), rng.uniform(1.0, 20.0, 60)
+    known = paths.sensor, paths.force, paths.cosine, paths.sample_time, power, weight, 1e-7
+    p = np.log([1e-6, 0.3, 0.5, 20.0, 2.0, 7.0])[:numbers]
+    value, gradient = whittle(p, *known)
+    e = [*np.exp(p), 0.0, 1.0, 0.0, 1.0][:6] if numbers == 2 else np.exp(p)
+    noise = Noise(float(np.hypot(e[0], 1e-7)), e[1], e[2] * e[0], e[3], e[4] * e[1], e[5])
+    density = noise.density(paths)
+    assert value == pytest.approx(np.sum(weight * (np.log(density) + power / density)), rel=1e-12)
+    steps = 1e-5 * np.eye(numbers)
+    slopes = [(whittle(p + s, *known)[0] - whittle(p - s, *known)[0]) / 2e-5 for s in steps]
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+
+
+def test_quantile_is_numpys():
+    rng = np.random.default_rng(0)
+    for shape in ((1, 1), (1, 7), (3, 40)):
+        cell = rng.standard_normal(shape)
+        for share in (0.0, 0.2, 0.37, 1.0):
+            assert _quantile(cell, share) == pytest.approx(np.quantile(cell, share), rel=1e-14)
