@@ -118,7 +118,7 @@ def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
 
 LOAD = {"load_fraction": 0.3, "frequency": 150.0, "damping": 0.2}
 RANGE = {"load_fraction": (0.03, 0.95), "frequency": (5.0, 2000.0), "damping": (0.002, 2.0)}
-KINDS = ("play", "coupling", "load")
+KINDS, PARTS = ("play", "coupling", "load"), ("motor", "load")
 
 
 class Backlash(Effect):
@@ -130,14 +130,15 @@ class Backlash(Effect):
                 there. Key `damping`: damping ratio in contact (default: the mode's own).
     "load"      the share `load_fraction` (0.3) of the moving mass lies behind the gap, on a contact
                 spring that resonates with the rest at `frequency` (150 Hz) with `damping` (0.2); key
-                `measured` = "motor" (default) or "load" says which part the sensor sees.
+                `measured` = "motor" (default) or "load" says which part the sensor sees,
+                `damped` on which of the two the damping of a rigid plant acts.
     """
 
     name = "backlash"
     component = "transmission"
     parameters = (Parameter("gap", "x"),)
     options = {  # noqa: RUF012
-        "kind": KINDS, "measured": ("motor", "load"), **dict.fromkeys(LOAD)
+        "kind": KINDS, "measured": PARTS, "damped": PARTS, **dict.fromkeys(LOAD)
     }  # fmt: skip
     sides = ("sensor",)
     depends_on = ("direction", "history")
@@ -168,9 +169,15 @@ class Backlash(Effect):
         if self.kind_in(setting) != "load":
             return mechanics
         share, frequency, damping = (setting.options.get(k, v) for k, v in LOAD.items())
-        seen = setting.options.get("measured", "motor") == "load"
+        seen, damped = (setting.options.get(k, PARTS[0]) == "load" for k in ("measured", "damped"))
+        self.require(
+            not damped or len(mechanics.modes) == 1,
+            'damped = "load" needs a rigid plant, whose damping is that of one body; leave it out',
+        )
         side = ("sensor", setting.mass_ratio)
-        return mechanics.with_part_on_spring(self.name, side, share, frequency, damping, seen)
+        return mechanics.with_part_on_spring(
+            self.name, side, share, frequency, damping, seen, damped
+        )
 
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         kind = self.kind_in(setting)
@@ -209,7 +216,7 @@ class Backlash(Effect):
             return [{"kind": "coupling"}, {"kind": "play"}]
         if 2.0 * sample_time * RANGE["frequency"][0] >= 1.0:
             return [{"kind": "play"}]
-        loads = [{"kind": "load", "measured": side} for side in ("motor", "load")]
+        loads = [{"kind": "load", "measured": side} for side in PARTS]
         return [{"kind": "play"}, *loads]
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:

@@ -221,27 +221,31 @@ class Mechanics:
         frequency: float,
         damping: float,
         sensed: bool,
+        damped: bool = False,
     ) -> Mechanics:
         """Cuts `share` of the moving mass off at `side` and hangs it there on a spring and damper, so
         that it resonates at `frequency` Hz with `damping` against what else moves at that point. The
-        spring is the point `link`; `sensed`: the sensor moves with the part cut off."""
+        spring is the point `link`; `sensed`: the sensor moves with the part cut off; `damped`: the
+        rigid body's own damping acts on that part."""
         pulsation, mass = 2.0 * np.pi * frequency, share * self.moving_mass
         lighter = self.with_mass(self.point(*side), -mass)
         point = lighter.point(*side)
         reduced = 1.0 / (1.0 / mass + point.mobility)
         spring, damper = pulsation**2 * reduced, 2.0 * damping * pulsation * reduced
-        return lighter._with_hung_mass(link, point, mass, spring, damper, sensed)
+        own = self.modes[0].damping / self.modes[0].residue if damped else 0.0
+        return lighter._with_hung_mass(link, point, mass, (spring, damper, own), sensed)
 
     def _with_hung_mass(
-        self, link: str, point: Point, mass: float, stiffness: float, damping: float, sensed: bool
+        self, link: str, point: Point, mass: float, law: tuple[float, float, float], sensed: bool
     ) -> Mechanics:
-        n = self.order
+        """`law`: stiffness and damping between the two, and damping that moves from `point` to the mass."""
+        n, (stiffness, damping, own) = self.order, law
         row = stiffness * point.position + damping * point.velocity
         a = np.zeros((n + 2, n + 2))
-        a[:n, :n] = self.a - np.outer(point.force, row)
+        a[:n, :n] = self.a - np.outer(point.force, row - own * point.velocity)
         a[:n, n], a[:n, n + 1] = point.force * stiffness, point.force * damping
         a[n, n + 1] = 1.0
-        a[n + 1, :n], a[n + 1, n:] = row / mass, [-stiffness / mass, -damping / mass]
+        a[n + 1, :n], a[n + 1, n:] = row / mass, [-stiffness / mass, -(damping + own) / mass]
 
         push, pull = np.eye(n + 2)[:, :n], np.eye(n + 2)[:n]
         base = self.hung.shape[1] or n

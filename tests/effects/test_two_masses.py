@@ -1,7 +1,5 @@
 """Points of a plant with a mode: motor side, load side, coupling; the mode as an effect."""
 
-import warnings
-
 import numpy as np
 import pytest
 import scipy.linalg
@@ -18,9 +16,11 @@ from two_masses import (
 )
 
 from ffl.effects import EFFECTS, mechanics_of, modal
+from ffl.effects.base import Setting
 from ffl.errors import InputError
 from ffl.machines import Simulator
 from ffl.systems.plant import EffectSpec
+from ffl.systems.state_space import StateSpace
 
 COMMAND = 3.0 * np.sin(2 * np.pi * 3.0 * np.arange(400) * 1e-3)
 
@@ -241,17 +241,44 @@ def test_a_play_between_masses_that_are_all_heavier_is_a_play_under_less_command
         assert worst(simulator.run(specs, None, 1.3 * COMMAND).y, alone.y) < 1e-9
 
 
-def test_digits_that_a_logarithm_loses_come_back_and_nobody_is_warned_of_them(monkeypatch):
-    """Warnings are errors here, scipy's of a logarithm that may be inaccurate as well."""
+@pytest.mark.parametrize("damped", ["motor", "load"])
+def test_a_part_on_a_spring_may_take_the_damping_with_it(damped):
+    """m1 x1'' = -F - b1 x1', m2 x2'' = F - b2 x2', F = k (x1 - x2) + c (x1' - x2'), against its matrix."""
+    mass, rate, share, step = 5.0, 6.0, 0.4, 1e-3
+    a = np.array([[0.0, 1.0], [0.0, -rate]])
+    block = np.zeros((3, 3))
+    block[:2, :2], block[1, 2] = a, 1.0 / mass
+    held = scipy.linalg.expm(block * step)
+    system = StateSpace(held[:2, :2], held[:2, 2:], np.array([[1.0, 0.0]]), 0.0, step)
+    setting = Setting(1.0, mechanics_of(system), {"kind": "load", "load_fraction": share,
+                      "frequency": 40.0, "damping": 0.1, "damped": damped})  # fmt: skip
+    found = EFFECTS["backlash"].modify(setting.mechanics, {"gap": 1e-4}, setting)
+    m1, m2, w = mass * (1.0 - share), mass * share, 2 * np.pi * 40.0
+    reduced = m1 * m2 / (m1 + m2)
+    k, c, b = w**2 * reduced, 0.2 * w * reduced, mass * rate
+    b1, b2 = (b, 0.0) if damped == "motor" else (0.0, b)
+    by_hand = np.array([
+        [0.0, 1.0, 0.0, 0.0], [-k / m1, -(c + b1) / m1, k / m1, c / m1],
+        [0.0, 0.0, 0.0, 1.0], [k / m2, c / m2, -k / m2, -(c + b2) / m2],
+    ])  # fmt: skip
+    np.testing.assert_allclose(
+        np.poly(found.a), np.poly(by_hand), rtol=1e-8, atol=1e-8 * np.abs(np.poly(by_hand)).max()
+    )
+
+
+def test_only_a_rigid_plant_has_one_damping():
+    plant = two_mass_plant("load")
+    spec = EffectSpec("backlash", {"gap": 1e-4}, {"kind": "load", "damped": "load"})
+    with pytest.raises(InputError, match="damped"):
+        Simulator(plant).run([spec], np.zeros(10))
+
+
+def test_digits_that_a_logarithm_loses_come_back(monkeypatch):
+    """Roots that are off by 1e-8 are a logarithm that is off by as much."""
     system = two_mass_plant("load").system
     exact = modal.taken_apart(system)
-    real = scipy.linalg.logm
-
-    def rough(block):  # type: ignore[no-untyped-def]
-        warnings.warn("logm result may be inaccurate, approximate err = 1e-8", RuntimeWarning, 2)
-        return real(block) * (1.0 + 1e-8)
-
-    monkeypatch.setattr(scipy.linalg, "logm", rough)
+    real = scipy.linalg.sqrtm
+    monkeypatch.setattr(scipy.linalg, "sqrtm", lambda block: real(block) * (1.0 + 1e-8))
     again = modal.taken_apart(system)
     np.testing.assert_allclose(again.a, exact.a, rtol=0, atol=1e-12 * np.abs(exact.a).max())
 
@@ -263,3 +290,29 @@ def test_a_part_that_knocks_is_looked_for_where_samples_follow_its_slowest_conta
     """5 Hz; an oven sampled once a second was followed in 64 steps a sample."""
     kinds = [form["kind"] for form in EFFECTS["backlash"].forms(False, sample_time)]
     assert kinds == ["play", *["load"] * (2 * looked_for)]
+
+
+def test_modes_are_those_of_the_eigenvectors():
+    """Projectors from one Schur form against left and right eigenvectors, a mode at a time."""
+    rng = np.random.default_rng(1)
+    for order in (4, 7, 12):
+        a = rng.standard_normal((order, order))
+        form = modal.SchurForm.of(a)
+        np.testing.assert_allclose(
+            np.sort_complex(form.poles), np.sort_complex(np.linalg.eigvals(a)), rtol=1e-10
+        )
+        poles, left, right = scipy.linalg.eig(a, left=True)
+        for own in modal._pairs(form.poles):
+            projector, basis = form.projector(own)
+            at = [int(np.argmin(np.abs(poles - p))) for p in form.poles[own]]
+            v, w = right[:, at], left[:, at].conj()
+            expected = (v / np.sum(v * w, axis=0)) @ w.T
+            np.testing.assert_allclose(projector, expected.real, atol=1e-9 * np.abs(expected).max())
+            np.testing.assert_allclose(projector @ basis, basis, atol=1e-9)
+
+
+def test_modes_that_are_one_to_rounding_are_not_parted():
+    a = np.diag([-1.0, -1.0, -1.0, -3.0])
+    projector, basis = modal.SchurForm.of(a).projector([0, 1])
+    np.testing.assert_array_equal(projector, np.eye(4))
+    np.testing.assert_array_equal(basis, np.eye(4))

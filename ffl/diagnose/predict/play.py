@@ -177,7 +177,10 @@ def _forms(model: Model) -> list[dict[str, Any]]:
     tried += [
         {**form, "measured": "load"} for form in tried if form["frequency"] == frequencies[-1]
     ]
-    return [{**tried[0], "load_fraction": LEAST_SHARE}, *tried]
+    none = {**tried[0], "load_fraction": LEAST_SHARE}
+    if modes[0].damping > 0.0:  # which may be the load's
+        tried += [{**form, "damped": "load"} for form in tried]
+    return [none, *tried]
 
 
 def loosened(noise: Noise, factor: float) -> Noise:

@@ -202,6 +202,27 @@ def test_a_load_behind_a_play_in_a_stage_that_the_model_has_as_rigid(rigid):
     assert found.options["frequency"] == pytest.approx(120.0, rel=0.1)
 
 
+def test_the_damping_of_a_rigid_plant_may_be_its_loads(rigid):
+    """A model's one damping is motor's or load's once a play parts them; which, is found with the gap."""
+    rate = 1.5
+    pole, turn = np.exp(-rate * STEP), rate * STEP
+    first = turn - 1.0 + pole  # a zero-order hold before 1/(m s (s + rate))
+    zero, gain = -(1.0 - pole - turn * pole) / first, first / (5.0 * rate**2)
+    rubbed = replace(rigid, system=Zpk(np.array([zero]), np.array([1.0, pole]), gain, STEP))
+    spec = EffectSpec("backlash", {"gap": GAP}, {**LOAD, "damped": "load"})
+    scene, model = scene_of(rubbed, records(replace(rubbed, effects=(spec,))))
+    begun, levels = start(scene, model)
+    assert begun is not None
+    best = settled(begun, scene, levels)
+    (found,) = best.model.effects
+    assert found.options["damped"] == "load"
+    assert found.parameters["gap"] == pytest.approx(GAP, rel=0.02)
+    assert found.options["load_fraction"] == pytest.approx(0.5, rel=0.02)
+    kept = {key: value for key, value in found.options.items() if key != "damped"}
+    other = replace(best, model=replace(best.model, effects=(replace(found, options=kept),)))
+    assert best.worth(scene.trials) > settled(other, scene).worth(scene.trials) + 30.0
+
+
 def test_a_mass_beyond_the_line_is_the_same_number_under_its_other_name(rigid):
     """And so is a damping, though it acts at the motor, not on everything."""
     play = EffectSpec("backlash", {"gap": GAP}, LOAD)
