@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
+from ffl.diagnose.contest.unneeded import sureness
 from ffl.diagnose.proof.verdict import BENT
-from ffl.effects import EFFECTS
 from ffl.effects.periods import AGAIN
 from ffl.systems.plant import Plant
 
@@ -33,14 +33,7 @@ def _sizeless(standing: Judged, index: int) -> bool:
     spec = standing.model.effects[index]
     if spec.name in PARTS_OF_THE_MASS:
         return False
-    amounts = [p.name for p in EFFECTS[spec.name].parameters if p.linear]
-    ratios = []
-    for c, spread in zip(standing.model.coordinates, standing.spread, strict=True):
-        if c.kind == "effect" and c.effect == index and c.name in amounts and c.place is None:
-            away = float(spec.parameters[c.name]) - EFFECTS[spec.name].parameter(c.name).neutral
-            size = 1.0 if c.log else abs(away)
-            ratios.append(size / max(float(spread), 1e-300))
-    return bool(ratios) and max(ratios) < 1.0
+    return sureness(standing, index) < 1.0
 
 
 def _passes_once(standing: Judged, index: int) -> bool:

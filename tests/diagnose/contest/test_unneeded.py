@@ -1,0 +1,58 @@
+"""Who is within its errors of nothing, and missed by nobody, goes in the end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from ffl.diagnose.contest import unneeded
+from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.unneeded import sureness, without_unneeded
+from ffl.systems.plant import EffectSpec
+
+FRICTION = EffectSpec("coulomb_friction", {"level": 2.0})
+LOAD = EffectSpec("constant_load", {"force": 0.5})
+NOTHING = EffectSpec("quadratic_drag", {"coefficient": 1e-3})
+
+
+@pytest.fixture(scope="module")
+def seen(stage, scenes, record):
+    """(scene, held, model) of a stage with friction and a constant force."""
+    return scenes(record(replace(stage, effects=(FRICTION, LOAD))))
+
+
+def test_who_is_not_needed_goes_and_nobody_else(seen):
+    scene, held, model = seen
+    found = judge(scene, held, replace(model, effects=(NOTHING, FRICTION, LOAD)), 10)
+    assert sureness(found, 0) < unneeded.ASKED < sureness(found, 1)
+    left = without_unneeded(held, found)
+    assert left.model.names == (FRICTION.name, LOAD.name)
+    assert left.score >= found.score
+    assert without_unneeded(held, left) is left
+
+
+def test_one_stays_in_any_case_and_so_does_what_was_seen_directly(seen):
+    scene, held, model = seen
+    alone = judge(scene, held, model.with_effect(NOTHING), 10)
+    assert without_unneeded(held, alone) is alone
+    proven = replace(model, effects=(NOTHING, FRICTION, LOAD), proven=frozenset({NOTHING.name}))
+    found = judge(scene, held, proven, 10)
+    assert without_unneeded(held, found) is found
+
+
+def test_who_is_unsure_and_missed_stays(seen, monkeypatch):
+    """A size in doubt, as beside one that goes alike, is no reason by itself."""
+    scene, held, model = seen
+    found = judge(scene, held, replace(model, effects=(FRICTION, LOAD)), 10)
+    monkeypatch.setattr(unneeded, "sureness", lambda judged, index: 1.0)
+    assert without_unneeded(held, found) is found
+
+
+def test_levels_of_a_table_are_no_one_size(seen):
+    scene, held, model = seen
+    levels = [2.0, 2.0, 2.0]
+    table = {"grid": [-0.1, 0.0, 0.1], "positive": levels, "negative": levels}
+    spec = EffectSpec("position_dependent_friction", {"table": table, "level": 2.0})
+    found = judge(scene, held, replace(model, effects=(spec, LOAD)), 4)
+    assert sureness(found, 0) == float("inf")
