@@ -33,8 +33,9 @@ def each(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """
     waiting = list(items)
     kind = getattr(work, "__code__", None)
-    if len(waiting) < 2 or _RESTS.get(kind, 0) > 0:
-        _RESTS[kind] = _RESTS.get(kind, 0) - 1
+    rests = _RESTS.get(kind, 0)
+    if len(waiting) < 2 or rests:
+        _RESTS[kind] = max(rests - 1, 0)
         return [work(item) for item in waiting]
     done: dict[int, R] = {}
     queue = deque(enumerate(waiting))
@@ -53,9 +54,8 @@ def each(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
             worked[who] = thread_time() - begun
 
     begun = perf_counter()
-    helper = _POOL.submit(
-        copy_context().run, drain, 1
-    )  # numpy's error state belongs to the context
+    # Numpy's error state belongs to the context.
+    helper = _POOL.submit(copy_context().run, drain, 1)
     try:
         drain(0)
     finally:

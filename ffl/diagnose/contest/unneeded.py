@@ -18,8 +18,7 @@ ROUNDS = 8
 def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
     """`standing` without the effects that score no worse left out, one after the other from the least
     sure; one stays in any case. (Drag and Stribeck friction on a spring: a gain by position of 1.5 errors
-    and a mode of 1.4 that an observer's search had let in before them, both with 0.9 and more, scored 268
-    and 30 more left out.)"""
+    that an observer's search had let in beside them was told with 0.97, and scored 268 more left out.)"""
     current = standing
     while len(current.model.effects) > 1:
         sizes = {i: sureness(current, i) for i in range(len(current.model.effects))}

@@ -35,24 +35,22 @@ def test_work_that_threads_only_take_turns_at_is_left_to_one():
     assert set(seen) == {threading.get_ident()}
 
 
-def test_work_that_leaves_the_interpreter_is_shared_out():
-    """Factorisations do; what was left to one is tried again after a while."""
-    rng = np.random.default_rng(0)
-    tables = [rng.standard_normal((400, 400)) for _ in range(6)]
-    parallel._RESTS.clear()
+def test_what_was_left_to_one_is_shared_out_again_after_a_while():
     seen: list[int] = []
+    both: list[threading.Barrier] = []
 
-    def factor(table):  # type: ignore[no-untyped-def]
+    def work(k: int) -> int:
         seen.append(threading.get_ident())
-        return np.linalg.qr(table)[1]
+        if both:
+            both[0].wait()
+        return k
 
-    parallel._RESTS[factor.__code__] = 2
-    for _ in range(3):
-        seen.clear()
-        done = each(factor, tables)
-    assert len(set(seen)) == 2
-    for one, table in zip(done, tables, strict=True):
-        np.testing.assert_array_equal(one, np.linalg.qr(table)[1])
+    parallel._RESTS[work.__code__] = 2
+    for _ in range(2):
+        assert each(work, range(4)) == [0, 1, 2, 3]
+    assert set(seen) == {threading.get_ident()}
+    both.append(threading.Barrier(2, timeout=60.0))  # passed only where two are at work at once
+    assert each(work, range(2)) == [0, 1]
 
 
 @pytest.mark.parametrize("bad", [0, 7, 19])
