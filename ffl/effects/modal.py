@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from scipy.linalg.lapack import dtrsen, dtrsyl
+from scipy.linalg.lapack import dtrsen
 
 from ffl.effects.mechanics import Mechanics, Mode
 from ffl.systems.plant import Plant
@@ -249,8 +249,8 @@ class SchurForm:
         chosen = np.zeros(n, np.int32)
         chosen[own] = 1
         t, q, *_, failed = dtrsen(chosen, self.t, self.q, job="N")
-        x, size, _ = dtrsyl(t[:k, :k], t[k:, k:], t[:k, k:], isgn=-1)
-        if failed or size == 0.0:
+        if failed:
             return np.eye(n), np.eye(n)
-        onto = np.hstack([np.eye(k), x / size]) @ q.T
+        x = scipy.linalg.solve_sylvester(t[:k, :k], -t[k:, k:], t[:k, k:])
+        onto = np.hstack([np.eye(k), x]) @ q.T
         return q[:, :k] @ onto, q[:, :k]

@@ -9,7 +9,7 @@ LEAST = 1e-150  # density at least: it is squared
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _colour(corner, step, cosine):  # type: ignore[no-untyped-def]
+def first_order(corner, step, cosine):  # type: ignore[no-untyped-def]
     """(density of a first-order process of unit variance with its corner at `corner` Hz where 2 pi f T has
     this cosine, its derivative by the logarithm of the corner)."""
     a = np.exp(-2.0 * np.pi * corner * step)
@@ -36,9 +36,9 @@ def whittle(p, sensor, force, cosine, step, power, weight, floor):  # type: igno
         density = white + pushed + sensor[k] * floor * floor
         slow, turn, slow_force, turn_force = 0.0, 0.0, 0.0, 0.0
         if coloured:
-            colour, slope = _colour(e[3], step, cosine[k])
+            colour, slope = first_order(e[3], step, cosine[k])
             slow, turn = white * squares[2] * colour, white * squares[2] * slope
-            colour, slope = _colour(e[5], step, cosine[k])
+            colour, slope = first_order(e[5], step, cosine[k])
             slow_force, turn_force = pushed * squares[4] * colour, pushed * squares[4] * slope
             density += slow + slow_force
         density = max(density, LEAST)

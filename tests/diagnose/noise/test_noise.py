@@ -13,7 +13,7 @@ from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.imitate import believable, imitated
-from ffl.diagnose.noise.noise import Noise, Paths, _quantile, fit_noise, spectrum
+from ffl.diagnose.noise.noise import Noise, Paths, fit_noise, spectrum
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.noise.whittle import whittle
 from ffl.diagnose.recorded.trials import prepare
@@ -258,11 +258,3 @@ def test_whittles_likelihood_and_its_gradient(stage, numbers):
     steps = 1e-5 * np.eye(numbers)
     slopes = [(whittle(p + s, *known)[0] - whittle(p - s, *known)[0]) / 2e-5 for s in steps]
     np.testing.assert_allclose(gradient, slopes, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
-
-
-def test_quantile_is_numpys():
-    rng = np.random.default_rng(0)
-    for shape in ((1, 1), (1, 7), (3, 40)):
-        cell = rng.standard_normal(shape)
-        for share in (0.0, 0.2, 0.37, 1.0):
-            assert _quantile(cell, share) == pytest.approx(np.quantile(cell, share), rel=1e-14)
