@@ -137,6 +137,18 @@ def _damping_that_lacks(setup: Setup) -> float:
     return float(setup.parameters.get("viscous", 0.0) * error / (1.0 + error))
 
 
+def _beside_the_own_spring(parameters: dict, setup: Setup) -> dict:
+    """The added spring with what the machine's own has more than the nominal model's, which pulls to 0: one
+    spring, of their joint stiffness, to where they hold each other."""
+    if setup.family != "stiffness":  # m omega^2
+        return parameters
+    wrong = setup.corrections
+    ratio = (1.0 + wrong.get("mass", 0.0)) * (1.0 + wrong.get("frequency", 0.0)) ** 2
+    own = parameters["stiffness"]
+    whole = own + float(setup.true.stiffness[0, 0] * (1.0 - 1.0 / ratio))
+    return {**parameters, "stiffness": whole, "centre": parameters["centre"] * own / whole}
+
+
 def _truth_effect(part: Part, parameters: dict, setup: Setup, found: Trace) -> dict:
     """An effect's entry: the catalogue's parameters, in N or in the input's unit."""
     factor = 1.0 if setup.physics_known else 1.0 / setup.true.constant
@@ -152,6 +164,8 @@ def _truth_effect(part: Part, parameters: dict, setup: Setup, found: Trace) -> d
 
     if part.name == "viscous_friction":
         parameters = {"coefficient": parameters["coefficient"] + _damping_that_lacks(setup)}
+    if part.name == "linear_stiffness":
+        parameters = _beside_the_own_spring(parameters, setup)
     if part.name == "mass_change":  # the mass that the nominal model lacks is in it
         lacks = setup.corrections.get("mass", 0.0)
         parameters = {"change": (1.0 + parameters["change"]) * (1.0 + lacks) - 1.0}

@@ -27,8 +27,7 @@ delay: that leaks the present noise into the regression.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -266,6 +265,10 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
+    def seen(self, spec: EffectSpec, values: Parameters, setting: Setting) -> EffectSpec:
+        """The same physics by the numbers that are seen from outside, if others."""
+        return spec
+
     def credible(self, spec: EffectSpec, extent: Extent) -> bool:
         """Whether the numbers of `spec`, found over recordings of this `extent`, are of the physics that it
         is named for, not of what stands in for it."""
@@ -389,10 +392,3 @@ class Setting:
 
     def point(self, side: str) -> Point:
         return self.mechanics.point(side, self.mass_ratio)
-
-
-def leading(effects: Iterable[tuple[Effect, Parameters]]) -> int:
-    """How many of `effects`, in their order, bend the command before any other acts on it, but for what
-    comes first wherever it is named: what is late is late alike before a limit and behind it."""
-    acting = (e for e, values in effects if e.port == "command" and e.order(values) >= 0)
-    return sum(1 for _ in itertools.takewhile(lambda effect: effect.bends, acting))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
+from ffl.effects.resonance import resonance_of
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
+
+NEARBY, MACHINE = "nearby", "machine"  # what the part resonates against
 
 
 class FlexibleMode(Effect):
@@ -22,6 +26,9 @@ class FlexibleMode(Effect):
     alone, and f the frequency at which the part is seen to resonate there. The total mass stays M.
     Key `measured` = "motor" (default: the sensor stays where it was) or
     "load" (the sensor moves with the hung mass).
+    Key `resonance` = "nearby" (default: frequency and damping as above, defined for all numbers) or
+    "machine" (they are those of a pole of the whole, `ffl.effects.resonance`: what a measured frequency
+    response shows, and what a diagnosis tells).
     """
 
     name = "flexible_mode"
@@ -34,7 +41,7 @@ class FlexibleMode(Effect):
     ladder = ("mass_fraction", np.geomspace(0.2, 5.0, 5))
     valleys = "frequency"  # a line; what is slow is seen from far away and is another's
     siblings = ("mass_change", "actuator_lag", "input_delay", "sensor_lead")
-    options = {"measured": ("motor", "load")}  # noqa: RUF012
+    options = {"measured": ("motor", "load"), "resonance": (NEARBY, MACHINE)}  # noqa: RUF012
     sides = ("sensor", "motor")
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
@@ -45,6 +52,19 @@ class FlexibleMode(Effect):
             values["frequency"],
             values["damping"],
             setting.options.get("measured", "motor") == "load",
+            whole=setting.options.get("resonance", NEARBY) == MACHINE,
+        )
+
+    def seen(self, spec: EffectSpec, values: Parameters, setting: Setting) -> EffectSpec:
+        whole = self.modify(setting.mechanics, values, setting)
+        resonance = resonance_of(whole.a, whole.point(self.name))
+        if resonance is None:
+            return spec
+        told = dict(zip(("frequency", "damping"), resonance, strict=True))
+        return replace(
+            spec,
+            parameters={**spec.parameters, **told},
+            options={**spec.options, "resonance": MACHINE},
         )
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
 from ffl.effects.base import Setting
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
+from ffl.errors import InputError
 from ffl.systems.plant import Plant
+
+SAME = 1e-8  # of the largest number of a machine's matrix
 
 
 def mechanics_with_effects(plant: Plant) -> Mechanics:
@@ -19,3 +27,26 @@ def mechanics_with_effects(plant: Plant) -> Mechanics:
         setting = Setting(plant.physics.motor_constant or 1.0, mechanics, spec.options)
         mechanics = effect.modify(mechanics, effect.check(spec), setting)
     return mechanics
+
+
+def as_seen(plant: Plant, count: int) -> Plant:
+    """`plant` with the first `count` of its effects told by the numbers that are seen from outside
+    (`Effect.seen`), as far as the machine stays the same by them."""
+    from ffl.effects import effect_of
+
+    mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
+    told = []
+    for spec in plant.effects[:count]:
+        effect, values = effect_of(spec), effect_of(spec).check(spec)
+        setting = Setting(plant.physics.motor_constant or 1.0, mechanics, spec.options)
+        after = effect.modify(mechanics, values, setting)
+        other = effect.seen(spec, values, setting)
+        if other is not spec:
+            with suppress(InputError):
+                there = replace(setting, options=other.options)
+                same = effect.modify(mechanics, effect.check(other), there)
+                if np.allclose(same.a, after.a, rtol=SAME, atol=SAME * np.abs(after.a).max()):
+                    spec, after = other, same
+        told.append(spec)
+        mechanics = after
+    return replace(plant, effects=(*told, *plant.effects[count:]))

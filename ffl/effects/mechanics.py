@@ -29,6 +29,7 @@ import numpy as np
 
 from ffl.effects.cascade import BETWEEN, OUT, stage_point
 from ffl.effects.point import Point
+from ffl.effects.resonance import pole_of, spring_for
 from ffl.effects.two_masses import TwoMasses, across, collocated
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, StateSpace
@@ -222,18 +223,22 @@ class Mechanics:
         damping: float,
         sensed: bool,
         damped: bool = False,
+        whole: bool = False,
     ) -> Mechanics:
         """Cuts `share` of the moving mass off at `side` and hangs it there on a spring and damper, so
-        that it resonates at `frequency` Hz with `damping` against what else moves at that point. The
-        spring is the point `link`; `sensed`: the sensor moves with the part cut off; `damped`: the
-        rigid body's own damping acts on that part."""
-        pulsation, mass = 2.0 * np.pi * frequency, share * self.moving_mass
+        that it resonates at `frequency` Hz with `damping` against what else moves at that point, or
+        (`whole`) so that the machine does. The spring is the point `link`; `sensed`: the sensor moves
+        with the part cut off; `damped`: the rigid body's own damping acts on that part."""
+        mass = share * self.moving_mass
         lighter = self.with_mass(self.point(*side), -mass)
         point = lighter.point(*side)
-        reduced = 1.0 / (1.0 / mass + point.mobility)
-        spring, damper = pulsation**2 * reduced, 2.0 * damping * pulsation * reduced
+        if whole:
+            law = spring_for(lighter.a, point, mass, pole_of(frequency, damping))
+        else:
+            pulsation, reduced = 2.0 * np.pi * frequency, 1.0 / (1.0 / mass + point.mobility)
+            law = pulsation**2 * reduced, 2.0 * damping * pulsation * reduced
         own = self.modes[0].damping / self.modes[0].residue if damped else 0.0
-        return lighter._with_hung_mass(link, point, mass, (spring, damper, own), sensed)
+        return lighter._with_hung_mass(link, point, mass, (*law, own), sensed)
 
     def _with_hung_mass(
         self, link: str, point: Point, mass: float, law: tuple[float, float, float], sensed: bool

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ffl.effects import Effect, Setting, effect_of
-from ffl.effects.base import Law, leading
+from ffl.effects.base import Law
 from ffl.effects.law import IO_SIZE, MEAN, SLOPE, address_of
+from ffl.effects.leading import leading
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.point import Point
 from ffl.errors import InputError

@@ -179,6 +179,21 @@ def test_a_damper_is_counted_beside_what_the_model_has(machine):
     assert total == pytest.approx(setup.true.damping[0, 0] + 2.0)
 
 
+def test_a_spring_is_counted_beside_the_one_that_the_model_has():
+    """-k_true x - k (x - centre) is the model's spring and the truth's, wherever the stage is."""
+    setup = draw_setup("stiffness", "careful", np.random.default_rng(4))
+    added = {"stiffness": 50.0, "centre": 1e-3}
+    found = _truth_effect(Part("linear_stiffness", "motor", 1, 1.0), added, setup,
+                          Trace(0.0, 0.0, 0.0, 0.0))["parameters"]  # fmt: skip
+    per_unit = 1.0 if setup.physics_known else setup.true.constant
+    true, model = setup.true.stiffness[0, 0], setup.nominal.stiffness[0, 0]
+    assert model != pytest.approx(true, rel=1e-4)
+    for x in (-2e-3, 1e-3, 4e-3):
+        force = -true * x - 50.0 * (x - 1e-3)
+        beside = -per_unit * found["stiffness"] * (x - found["centre"])
+        assert -model * x + beside == pytest.approx(force, rel=1e-9)
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_spoil_the_recording(fault, tmp_path):
     clean = make_case(21, None, "rigid", out_dir=tmp_path, name="a")

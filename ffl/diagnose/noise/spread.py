@@ -12,7 +12,7 @@ West's lags). Reported is the larger of this and of white noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ from ffl.systems.state_space import Array
 
 if TYPE_CHECKING:
     from ffl.diagnose.contest.judging import Judged
+    from ffl.diagnose.hypothesis.model import Model
 
 BLOCKS = 20  # of all recordings together
 FEWEST = 2  # of one recording
@@ -53,3 +54,28 @@ def error_of(judged: Judged, index: int, name: str) -> float | None:
             value = float(judged.model.effects[index].parameters[name])
             return float(spread) * (value if c.log else 1.0)
     return None
+
+
+def errors_through(judged: Judged, numbers: Callable[[Model], Array | None]) -> Array:
+    """Standard errors (k,) of `numbers` (k,) that follow from those that are free: their slopes times
+    the covariance of theta, as much larger as what is left is not white. None: numbers that a step leads
+    nowhere with are taken on its other side."""
+    model, plain = judged.model, judged.fit.spread
+    theta, here = model.theta, numbers(model)
+    assert here is not None
+    slopes = np.zeros((len(here), len(theta)))
+    for k, c in enumerate(model.coordinates):
+        for step in (c.step, -c.step):
+            moved = theta.copy()
+            moved[k] += step
+            if (there := numbers(model.at(moved))) is not None:
+                slopes[:, k] = (there - here) / step
+                break
+    more = np.ones(len(theta))
+    np.divide(judged.spread, plain, out=more, where=np.isfinite(plain) & (plain > 0.0))
+    slopes *= more
+    seen = np.any(slopes != 0.0, axis=0)
+    covariance = judged.fit.covariance[np.ix_(seen, seen)]
+    return np.sqrt(
+        np.maximum(np.einsum("ik,kl,il->i", slopes[:, seen], covariance, slopes[:, seen]), 0.0)
+    )

@@ -22,7 +22,7 @@ import numpy as np
 from ffl.diagnose.predict.company import separable, without
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
-from ffl.effects.base import leading
+from ffl.effects.leading import leading
 from ffl.systems.plant import EffectSpec
 
 

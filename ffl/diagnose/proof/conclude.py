@@ -7,22 +7,19 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import scipy.stats
 from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import Judged
-from ffl.diagnose.contest.posterior import none_of_them, probabilities
-from ffl.diagnose.contest.rounds import Outcome, Step
+from ffl.diagnose.contest.posterior import none_of_them
+from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.amounts import of_its_own
 from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import Running
 from ffl.diagnose.maps.picture import MapPicture, picture
 from ffl.diagnose.maps.unnamed import Contest, compare
-from ffl.diagnose.noise.spread import error_of
-from ffl.diagnose.number import Number
 from ffl.diagnose.proof.advise import Experiment, plan
+from ffl.diagnose.proof.findings import finding
 from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
 from ffl.diagnose.proof.unvisited import unvisited
@@ -44,8 +41,9 @@ from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.states import linear_share, states
 from ffl.diagnose.recorded.warmth import with_warmth
-from ffl.diagnose.result import Diagnosis, Finding
+from ffl.diagnose.result import Diagnosis
 from ffl.effects import EFFECTS
+from ffl.effects.linear_mechanics import as_seen
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
 from ffl.systems.plant import Plant
@@ -95,7 +93,7 @@ def conclude(
     bare = maps.model if maps else lost.fit.model if lost else standing.model
     if nameless.verdict == "unnamed" and standing.model.effects and not (maps or lost):
         bare = nominal  # bursts alone
-    fitted = replace(bare.plant(), name=model.name)
+    fitted = replace(as_seen(bare.plant(), len(bare.effects)), name=model.name)
     running = plant_from_dict(plant_to_dict(fitted))
     observed = held.observed
     augmented = replace(running, controller=model.controller) if observed else running
@@ -219,7 +217,7 @@ def conclude(
             "what they lower the error to is augmented.toml's"
         )
     findings = tuple(
-        _finding(standing, index, outcome, model, none_of_them(said == "explained", left_over))
+        finding(standing, index, outcome, model, none_of_them(said == "explained", left_over))
         for index in told
     )
     return Diagnosis(
@@ -270,51 +268,6 @@ def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
         picture(winner.scene, winner.free, k, said.get(k)) for k in range(len(winner.free.parts))
     ]
     return tuple(p for p in drawn if p is not None)
-
-
-def _finding(
-    standing: Judged, index: int, outcome: Outcome, plant: Plant, elsewhere: float
-) -> Finding:
-    spec = standing.model.effects[index]
-    effect = EFFECTS[spec.name]
-    numbers = {}
-    for name, value in spec.parameters.items():
-        parameter = effect.parameter(name)
-        error = None if parameter.stepped else error_of(standing, index, name)
-        numbers[name] = Number(value, parameter.unit_in(plant), error)
-    says, share = effect.says(effect.check(spec), plant), of_its_own(standing.model, spec)
-    if share is not None:
-        says += f" That is {100.0 * share:+.3g} % of the model's own."
-    shares = probabilities(spec.name, outcome.contenders, elsewhere)
-    own = shares.pop(spec.name)
-    others = sorted(shares.items(), key=lambda item: -item[1])
-    return Finding(
-        spec.name,
-        effect.component,
-        numbers,
-        spec.options,
-        own,
-        _p_value(spec.name, outcome.steps),
-        says,
-        tuple((name, p) for name, p in others if p > 1e-3)[:4],
-    )
-
-
-def _round_of(name: str, steps: list[Step]) -> Step | None:
-    for step in steps:
-        if name in step.joined:
-            return step
-    return None
-
-
-def _p_value(name: str, steps: list[Step]) -> float | None:
-    """Likelihood ratio of the fitted recordings, for the free numbers it added."""
-    step = _round_of(name, steps)
-    if step is None or step.accepted is None:
-        return None
-    ratio = 2.0 * (step.accepted.fitted - step.before.fitted)
-    freedom = max(1, step.accepted.freedom - step.before.freedom)
-    return float(max(scipy.stats.chi2.sf(max(ratio, 0.0), freedom), 1e-300))
 
 
 def _other_model(model: Plant) -> str:
