@@ -6,7 +6,7 @@ import math
 
 from ffl.diagnose.contest.judging import Judged, judge
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.noise.spread import error_of
+from ffl.diagnose.noise.spread import own_error_of
 
 SINE = "periodic_disturbance"
 CHANCE = 0.01  # that the loudest of all frequencies of noise is as many of its errors large
@@ -27,7 +27,7 @@ def by_chance(standing: Judged) -> bool:
     3.9 errors of its own, for the 5.4 wanted; real ones had 6.4 to 1,355.)"""
     index = standing.model.names.index(SINE)
     spec = standing.model.effects[index]
-    error = error_of(standing, index, "amplitude")
+    error = own_error_of(standing, index, "amplitude")
     samples = sum(len(trial) for trial in standing.scene.trials)
     least = math.sqrt(2.0 * math.log(0.5 * samples / CHANCE))
     return error is not None and abs(float(spec.parameters["amplitude"])) < least * error

@@ -34,12 +34,12 @@ def standing(samples):  # type: ignore[no-untyped-def]
 def test_a_sine_needs_more_errors_the_more_frequencies_there_are(
     samples, errors, expected, monkeypatch
 ):
-    monkeypatch.setattr(chance, "error_of", lambda judged, index, name: 0.05 / errors)
+    monkeypatch.setattr(chance, "own_error_of", lambda judged, index, name: 0.05 / errors)
     assert chance.by_chance(standing(samples)) is expected
 
 
 def test_a_sine_whose_amplitude_is_not_free_has_no_error(monkeypatch):
-    monkeypatch.setattr(chance, "error_of", lambda judged, index, name: None)
+    monkeypatch.setattr(chance, "own_error_of", lambda judged, index, name: None)
     assert not chance.by_chance(standing((15_695,)))
 
 

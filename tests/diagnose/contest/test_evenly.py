@@ -68,16 +68,17 @@ def test_a_damper_beside_the_models_own_damping_is_one_number(stage, record, sce
     assert found.spread[at] < 0.2
 
 
-@pytest.mark.parametrize(("mass", "named"), [(0.0, False), (0.2, True)])
+@pytest.mark.parametrize(
+    ("mass", "named", "away"), [(0.0, False, 0.02), (0.0, False, 0.008), (0.2, True, 0.02)]
+)
 def test_a_gain_by_position_is_told_from_where_the_mass_is_as_stated(
-    stage, record, scenes, mass, named
+    stage, record, scenes, mass, named, away
 ):  # type: ignore[no-untyped-def]
-    """About another centre it is 3 % off and the mass makes up for it; a payload stays one."""
+    """About another centre it is 3 or 1 % off and the mass makes up for it; a payload stays one."""
     gain = {"linear_coefficient": 1.5, "quadratic_coefficient": -6.0}
     bent = EffectSpec("position_dependent_gain", {**gain, "centre": 0.02})
     there = (bent, EffectSpec("mass_change", {"change": mass})) if mass else (bent,)
     scene, held, model = scenes(record(replace(stage, effects=there)))
-    away = 0.02  # m, where the gain is 1.0276
     there_gain = 1.0 + 1.5 * away - 6.0 * away**2
     moved = {
         "centre": 0.02 + away,

@@ -10,7 +10,7 @@ import pytest
 import scipy.signal
 
 from ffl.diagnose.hypothesis.fit import Fit
-from ffl.diagnose.noise.spread import spread
+from ffl.diagnose.noise.spread import error_of, own_error_of, spread
 
 TRUE = np.array([2.0, -1.0])
 N = 4000
@@ -84,3 +84,38 @@ def test_an_option_that_nothing_shows_is_no_doubt_of_the_others():
     np.testing.assert_allclose(within.spread[:2], plain, rtol=1e-3)
     assert within.spread[2] == pytest.approx(np.log(400.0) / np.sqrt(12.0), rel=0.01)
     np.testing.assert_allclose(blocks(within)[:2], blocks(fit), rtol=1e-2)
+
+
+def judged_of(table, white):  # type: ignore[no-untyped-def]
+    numbers = [("correction", -1, "mass"), ("effect", 0, "amplitude"), ("effect", 0, "phase")]
+    coordinates = [
+        SimpleNamespace(kind=k, effect=i, name=n, place=None, log=False) for k, i, n in numbers
+    ]
+    values = SimpleNamespace(parameters={"amplitude": 2.0, "phase": 1.0, "frequency": 3.0})
+    model = SimpleNamespace(coordinates=coordinates, effects=(values,))
+    fit = Fit(model, white, table, table, "converged")
+    scene = SimpleNamespace(trials=[range(len(white))])
+    return SimpleNamespace(model=model, fit=fit, scene=scene, spread=spread(fit, [len(white)]))
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.9])
+def test_by_itself_an_effect_is_as_sure_as_beside_nobody(alike):
+    """A column that nearly goes with another: its size may be anything, that it is there is sure."""
+    rng, t = np.random.default_rng(5), np.arange(N) / N
+    noise = scipy.signal.lfilter([1.0], [1.0, -alike], rng.standard_normal(N))
+    own = np.column_stack([np.sin(2 * np.pi * 3 * t), np.cos(2 * np.pi * 3 * t)])
+    twin = own[:, 0] + 0.02 * np.cos(2 * np.pi * 7 * t)
+    judged = judged_of(np.column_stack([twin, own]), noise)
+    apart = Fit(model_of(NUMBER, NUMBER), noise, own, own, "converged")
+    alone = spread(apart, [N])
+    assert own_error_of(judged, 0, "amplitude") == pytest.approx(alone[0], rel=1e-6)
+    assert own_error_of(judged, 0, "phase") == pytest.approx(alone[1], rel=1e-6)
+    assert error_of(judged, 0, "amplitude") > 20.0 * alone[0]
+    assert own_error_of(judged, 0, "frequency") is None  # held
+
+
+def test_what_no_sample_sees_has_no_error_of_its_own():
+    own = np.zeros((N, 2))
+    own[:, 0] = 1.0
+    judged = judged_of(np.column_stack([np.linspace(0.0, 1.0, N), own]), np.ones(N))
+    assert own_error_of(judged, 0, "phase") == error_of(judged, 0, "phase")
