@@ -22,6 +22,7 @@ from scipy.ndimage import uniform_filter1d
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import own_damping
 from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.screen.scan import PASSES
 from ffl.systems.plant import EffectSpec
@@ -37,11 +38,14 @@ FINE = 1e-3  # of a line of the spectrum, to which a frequency is sought
 NOTICED = 0.15  # of what is left: what a sine must take (of rattle alone: 0.03)
 
 
-def rubbing(trials: Sequence[Trial], model: Model) -> list[EffectSpec]:
-    """Levels by direction that balance the forces, a load where one of them pulls along, and a damper that
-    does, without a place; those of them that are more than next to nothing."""
+def rubbing(
+    trials: Sequence[Trial], model: Model, beside: Sequence[EffectSpec] = ()
+) -> list[EffectSpec]:
+    """Levels by direction that balance the forces with those that are `beside` them, a load where one of
+    them pulls along, and a damper that does, without a place; those of them that are more than next to
+    nothing."""
     simulator = model.base.simulator
-    parts = _slow(trials, model)
+    parts = _slow(trials, model, beside)
     if not parts:
         return []
     table = np.concatenate([part.table for part in parts])
@@ -135,8 +139,11 @@ class _Balance:
     force: Array
 
 
-def _slow(trials: Sequence[Trial], model: Model) -> list[_Balance]:
-    """What balances in every recording long enough; none where there is too little motion either way."""
+def _slow(
+    trials: Sequence[Trial], model: Model, beside: Sequence[EffectSpec] = ()
+) -> list[_Balance]:
+    """What balances in every recording long enough, with the forces of those `beside` it along the motion;
+    none where there is too little motion either way."""
     simulator = model.base.simulator
     if not simulator.mechanics.modes or model.base.is_process:
         return []
@@ -148,7 +155,8 @@ def _slow(trials: Sequence[Trial], model: Model) -> list[_Balance]:
     for at, trial in enumerate(trials):
         if len(trial) < 4 * window:
             continue
-        y, u = (uniform_filter1d(x, window) for x in (trial.y, trial.u))
+        known = sum(forces_along(trial, beside)) / simulator.force_per_input
+        y, u = (uniform_filter1d(x, window) for x in (trial.y, trial.u + known))
         v = np.gradient(y, step)
         table = np.column_stack([np.gradient(v, step), v > 0.0, -(v < 0.0).astype(float), v])
         parts.append((at, trial.t, table, u - damping * v))

@@ -252,11 +252,10 @@ def needed(found: Told, trials: Sequence[Trial]) -> Told:
     return found
 
 
-def clocked(scene: Scene, company: Company[Told]) -> Scene:
-    """`scene` on the clocks that suit the company."""
-    clocks = [trial.start_time for trial in company.trials]
-    pairs = zip(scene.trials, clocks, strict=True)
-    return replace(scene, trials=tuple(replace(trial, start_time=c) for trial, c in pairs))
+def clocked(scene: Scene, trials: Sequence[Trial]) -> Scene:
+    """`scene` with its recordings begun when those of `trials` were, the same or pieces of them."""
+    pairs = zip(scene.trials, trials, strict=True)
+    return replace(scene, trials=tuple(replace(t, start_time=o.start_time) for t, o in pairs))
 
 
 def contending(

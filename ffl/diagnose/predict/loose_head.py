@@ -86,7 +86,7 @@ def with_loose_head(
     company = formed(exchanged(proven(company, regapped), regapped), regapped)
     company = proven(company, regapped)  # who stood in for another form of friction
     company = replace(company, found=quieter(company.found, scene.noise, short))
-    scene = clocked(scene, company)
+    scene = clocked(scene, company.trials)
     trials = scene.trials
     company, found = plainly(company, claimed(polished(company.found, trials), scene), trials)
 

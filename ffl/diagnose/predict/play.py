@@ -6,7 +6,7 @@ contact are fitted with the gap, by log p(y | r) of `switching` with all noise s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from ffl.diagnose.predict.slipping import FORMS
 from ffl.diagnose.predict.switching import Switching
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
+from ffl.effects.backlash import PARTS
 from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -121,28 +122,42 @@ def start(
     under the noise as it is. None where the plant is neither rigid nor two masses on a spring, or no gap
     of the grid foretells better than none."""
     trials = shortened(scene, GLANCE)
-    forms, travel = _forms(model), model.base.travel
     coupled = len(model.base.simulator.mechanics.modes) == 2
     begun: list[tuple[float, Hypothesis, int]] = []
-    looked = sorted({0, len(levels) - 1}) if coupled else range(most)
-    for k in looked if forms else ():
-        noise = loosened(scene.noise, levels[k])
-        none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
-        found = []
-        for form in forms[1:]:
-            tried = [Hypothesis.of(model, g * travel, form, noise) for g in GAPS]
-            found.append(max(((h.worth(trials), h) for h in tried), key=lambda pair: pair[0]))
-        found.sort(key=lambda pair: -pair[0])
-        if found[0][0] > none + PROMISES:
-            near = [moved(h, trials) for _, h in found[: 1 if coupled else STARTS]]
-            best = max(near, key=lambda h: h.worth(trials))
-            if not coupled:
-                return best, levels[k:]
-            begun.append((replace(best, noise=scene.noise).worth(trials), best, k))
+    for k in sorted({0, len(levels) - 1}) if coupled else range(most):
+        if (best := of_grid(scene, model, levels[k])) is None:
+            continue
+        if not coupled:
+            return best, levels[k:]
+        begun.append((replace(best, noise=scene.noise).worth(trials), best, k))
     if not begun:
         return None, levels
     _, best, k = max(begun, key=lambda way: way[0])
     return best, levels[k:]
+
+
+def of_grid(
+    scene: Scene, model: Model, loose: float, sides: Collection[str] = PARTS
+) -> Hypothesis | None:
+    """The best gap and form of the grid under the scene's noise, its force so many times, where a rigid
+    plant's own damping acts on one of `sides`; None where none foretells better than no play."""
+    trials = shortened(scene, GLANCE)
+    forms, travel = _forms(model), model.base.travel
+    coupled = len(model.base.simulator.mechanics.modes) == 2
+    noise = loosened(scene.noise, loose)
+    found = []
+    for form in forms[1:]:
+        if form.get("damped", PARTS[0]) in sides:
+            tried = [Hypothesis.of(model, g * travel, form, noise) for g in GAPS]
+            found.append(max(((h.worth(trials), h) for h in tried), key=lambda pair: pair[0]))
+    found.sort(key=lambda pair: -pair[0])
+    if not found:
+        return None
+    none = Hypothesis.of(model, NONE * travel, forms[0], noise).scaled(trials)[0]
+    if found[0][0] <= none + PROMISES:
+        return None
+    near = [moved(h, trials) for _, h in found[: 1 if coupled else STARTS]]
+    return max(near, key=lambda h: h.worth(trials))
 
 
 def closed(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
@@ -214,12 +229,15 @@ def regridded(found: Hypothesis, scene: Scene) -> Hypothesis:
     """`found`, or from another width of its gap, all else as it stands, where that foretells better: the
     likelihood has a hill wherever contacts fall on other samples. (1.81 mm beside a sine and friction
     that were right: 0.80, the truth, is 820 ahead.)"""
+    best = _of_width(found, scene.trials)
+    return found if best is found else settled(best, scene, (1.0,))
+
+
+def _of_width(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:
+    """`found`, or with the width of its gap, all else as it stands, that foretells best."""
     at = gap_at(found.model)
     others = [_with(found, at, factor * found.theta[at]) for factor in WIDTHS]
-    best = max(others, key=lambda h: h.worth(scene.trials))
-    if best.worth(scene.trials) <= found.worth(scene.trials):
-        return found
-    return settled(best, scene, (1.0,))
+    return max((found, *others), key=lambda h: h.worth(trials))
 
 
 def of_another_mass(found: Hypothesis, trials: Sequence[Trial]) -> Hypothesis:

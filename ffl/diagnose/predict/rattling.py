@@ -19,18 +19,16 @@ import numpy as np
 from ffl.diagnose.contest.evenly import of_no_mass
 from ffl.diagnose.contest.judging import SHARE, Judged
 from ffl.diagnose.contest.line import SURE
-from ffl.diagnose.contest.plainest import in_the_mean
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import POINT, Place, of_the_machine, places_of, point_of
+from ffl.diagnose.hypothesis.places import Place, places_of
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
-from ffl.diagnose.predict.balance import humming, rubbing
-from ffl.diagnose.predict.company import separable
+from ffl.diagnose.predict.balance import humming
 from ffl.diagnose.predict.dry_forms import formed, plainly
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.predict.joining import (
@@ -54,12 +52,11 @@ from ffl.diagnose.predict.play import (
     Hypothesis,
     able,
     closed,
-    of_another_mass,
     regridded,
     settled,
     shortened,
-    start,
 )
+from ffl.diagnose.predict.starting import started
 from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.systems.plant import EffectSpec
@@ -94,8 +91,10 @@ def with_rattling(
         return outcome
     if not all(np.all(np.isfinite(trial.u)) for trial in (*scene.trials, *held.trials)):
         return outcome
-    scene = replace(scene, noise=partly_coloured(prior))  # the contest's noise holds the rattle
     standing = outcome.standing
+    scene = replace(scene, noise=partly_coloured(prior))  # the contest's noise holds the rattle
+    scene = clocked(scene, standing.scene.trials)
+    held = clocked(held, (outcome.held or held).trials)
     left = scene.residuals(standing.model)
     if left is not None and followed(scene, left, told):
         return outcome
@@ -119,7 +118,7 @@ def with_rattling(
         return outcome
     found = burdened(needed(found, scene.trials), scene)
     company = accompanied(found, scene, held.trials)
-    scene = clocked(scene, company)
+    scene = clocked(scene, company.trials)
     fewer = len(company.found.model.coordinates) < len(found.model.coordinates)
     behind_by = found.worth(scene.trials) - company.found.worth(scene.trials)
     if behind_by < (LEAST if fewer else 0.0):  # a plainer form need not foretell more
@@ -155,46 +154,6 @@ def with_rattling(
         **contending(company, found, judged, told_of),
     }
     return Outcome(judged, [*outcome.steps, step], outcome.held, contenders)
-
-
-def started(
-    scene: Scene,
-    told: Model,
-    named: Sequence[EffectSpec],
-    sines: Sequence[EffectSpec],
-    levels: Sequence[float],
-    most: int,
-) -> tuple[Hypothesis | None, Sequence[float]]:
-    """The play to begin with, and the levels from there, of the company beside which it foretells best:
-    what was `named` of the drive and the scale, all of it that the filter can take, its dry friction on
-    either side of the play, or dry friction or a damper as the balance of forces has it, on either side;
-    one of the `sines` that this balance leaves, with the friction of any of these."""
-    named = [in_the_mean(spec) for spec in named]
-    apart = tuple(spec for spec in named if separable(spec))
-    whole = tuple(spec for spec in named if able(spec))
-    companies = [apart, whole] if len(whole) > len(apart) else [apart]
-    places = of_the_machine(told)
-    for k, spec in enumerate(whole):
-        form = {key: v for key, v in spec.options.items() if key not in POINT}
-        others = [p for p in places if spec.name in DRY and p.side != point_of(spec).side]
-        for place in others:
-            there = replace(spec, options={**form, **place.options})
-            companies.append((*whole[:k], there, *whole[k + 1 :]))
-    for force in rubbing(scene.trials, told):
-        companies += [(*apart, replace(force, options=place.options)) for place in places]
-    ways = [start(scene, replace(told, effects=own), levels, most) for own in companies]
-    bare = [tuple(s for s in own if s.name in DRY) for own in ((), *companies)]
-    plain = [own for k, own in enumerate(bare) if own not in bare[:k]]
-    for own, sine, place in itertools.product(plain, sines, places):
-        effects = (*own, replace(sine, options=place.options))
-        way = start(scene, replace(told, effects=effects), levels[:1], 1)[0]
-        # Its frequency is a little off, and no gap of a grid is right beside it under less noise.
-        ways.append((way and refitted(way, shortened(scene, LOOK)), levels))
-    weighed = [
-        (of_another_mass(begun, scene.trials), after) for begun, after in ways if begun is not None
-    ]
-    found = [(begun.worth(scene.trials), begun, after) for begun, after in weighed]
-    return max(found, key=lambda way: way[0])[1:] if found else (None, levels)
 
 
 def brings(begun: Hypothesis, scene: Scene) -> bool:

@@ -35,7 +35,9 @@ from ffl.effects.point import Point
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
-FINE = 0.1  # radian that the contact's resonance turns in one sub-step at most
+# Radian that the contact's resonance turns in one sub-step at most. Finer ones are no better: by the true
+# numbers what is left of 72 recordings has 1.03 times the variance foretold, and at 0.1 it has 1.23.
+FINE = 0.3
 # Sub-steps of a sample: enough for a contact that rings at the sampling rate. What rings faster is rigid
 # to all that is seen (130 Hz sampled at 20 Hz asked for 409 of them: 12 minutes did not end the search).
 MOST_SUBSTEPS = 64
@@ -56,6 +58,34 @@ def _rectified(depth, spread):  # type: ignore[no-untyped-def]
     mean = a * share + bell
     rest = (a * a + 1.0) * share + a * bell - mean * mean - share * share
     return share, spread * bell, spread * spread * max(rest, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _passing(depth, spread, way):  # type: ignore[no-untyped-def]
+    """The same of d in the mean over a sub-step on which its mean goes `way` about `depth`, evenly: with G
+    and H the first and second integral of the Gaussian distribution, (G(+) - G(-))/way of being above and
+    (H(+) - H(-))/way of max(0, d): how d goes is no doubt about it. Last how the first goes with depth."""
+    way = abs(way)
+    if way < 0.1 * spread:
+        share, up, wide = _rectified(depth, spread)
+        return share, up, wide, up / (spread * spread)
+    if depth - 0.5 * way > 6.0 * spread:
+        return 1.0, 0.0, 0.0, 0.0
+    if depth + 0.5 * way < -6.0 * spread:
+        return 0.0, 0.0, 0.0, 0.0
+    share, mean, steep = 0.0, 0.0, 0.0
+    for sign in (1.0, -1.0):
+        z = depth + sign * 0.5 * way
+        a = z / spread
+        below = 0.5 * (1.0 + math.erf(a * 0.7071067811865476))
+        bell = 0.3989422804014327 * math.exp(-0.5 * a * a) * spread
+        steep += sign * below / way
+        share += sign * (z * below + bell) / way
+        mean += sign * 0.5 * ((z * z + spread * spread) * below + z * bell) / way
+    square = spread * spread
+    whole = square + way * way / 12.0
+    wide = _rectified(depth, math.sqrt(whole))[2] * (square / whole) ** 2
+    return share, mean - share * depth, wide, steep
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -119,11 +149,11 @@ def _filter(y, drive, x, p, moves, kick, spread, rows, law, white, again, rub, s
             for i in range(n):
                 for j in range(n):
                     doubt += rows[1, i] * p[i, j] * rows[1, j]
-            doubt = np.sqrt(max(doubt, 0.0) + (rate * step) ** 2 / 12.0 + 1e-30)
+            doubt = np.sqrt(max(doubt, 0.0) + 1e-30)
             stretch += 0.5 * rate * step
             lag = damping * rate / stiffness  # a contact that lets go never pulls
-            above, up, wide = _rectified(stretch - half + min(lag, 0.0), doubt)
-            below, down, deep = _rectified(-stretch - half - max(lag, 0.0), doubt)
+            above, up, wide, rise = _passing(stretch - half + min(lag, 0.0), doubt, rate * step)
+            below, down, deep, fall = _passing(-stretch - half - max(lag, 0.0), doubt, rate * step)
             share = above + below
             shift = half * (above - below) - up + down
             for i in range(n):
@@ -134,6 +164,8 @@ def _filter(y, drive, x, p, moves, kick, spread, rows, law, white, again, rub, s
                 new[i] = total
             for i in range(n):
                 x[i] = new[i]
+            # Met later it damps less long: a push that begins at a step is in doubt by when.
+            jump = abs(lag) * (rise if rate > 0.0 else fall) * doubt
             for i in range(n):
                 for j in range(n):
                     total = 0.0
@@ -143,7 +175,7 @@ def _filter(y, drive, x, p, moves, kick, spread, rows, law, white, again, rub, s
             for i in range(n):
                 for j in range(i + 1):
                     total = (1.0 - share) * spread[0, i, j] + share * spread[1, i, j]
-                    total += (wide + deep) * kick[i] * kick[j]
+                    total += (wide + deep + jump * jump) * kick[i] * kick[j]
                     for k in range(n):
                         total += other[i, k] * blend[j, k]
                     p[i, j] = total

@@ -17,7 +17,8 @@ from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import Company, proven
 from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import LOOSENESS, Hypothesis, able, settled
-from ffl.diagnose.predict.rattling import accompanied, barer, dampers, started
+from ffl.diagnose.predict.rattling import accompanied, barer, dampers
+from ffl.diagnose.predict.starting import started
 from ffl.diagnose.predict.switching import _clipped
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, EffectSpec, Physics, Plant, Zpk
