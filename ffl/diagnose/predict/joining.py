@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
+import numpy as np
+
 from ffl.diagnose.contest.judging import PER_NUMBER, Judged
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import CREEPING, KEEP, PLIABLE, excluded
@@ -23,9 +25,11 @@ from ffl.diagnose.screen.followed import followed
 from ffl.diagnose.screen.screen import Screen
 from ffl.diagnose.screen.shortlist import shortlist
 from ffl.effects import EFFECTS
+from ffl.effects.drift import SETTLES
 from ffl.systems.plant import EffectSpec
 
 MOST = 2  # effects beside the play
+AGAIN = 1  # time that who may join is asked again, where settling alone brought as much as he must
 FAINT = 16.0  # first-order gain below which nobody is tried
 # Moments of contact jump with every number, which makes the likelihood rough by a hundred or two:
 LEAST = 250.0  # log-likelihood that joining brings
@@ -33,6 +37,8 @@ WORTH = 0.015  # the same, a sample
 BOTH = 80.0  # the same, where recordings that judge bring as much
 BEHIND = 1000.0  # by which those are left that a barer start has
 ROUGH = 25.0  # times the log-likelihood that a better start brings or does not
+# Times a time constant by which a clock is moved; what settles has not begun before it did.
+WARM = (0.0, -1.0, -0.5, -0.25, 0.25, 0.5, 1.0, 2.0, 5.0)
 TURNS = (8, 16, 32, 64)  # parts of a period by which a clock is moved, finer and finer
 Able = Callable[[EffectSpec], bool]
 Settled = Callable[[Told, Sequence[Trial]], Told]
@@ -67,7 +73,7 @@ def joined(
     leaves him nothing to bring. (A dead zone that was there brought nothing beside 8.7 % more mass, which
     was not, and 740 beside none; beside 5 N of friction that was not there nobody asked for a hysteresis.)
     """
-    bare = barer(company.found)
+    bare, again = barer(company.found), AGAIN
     while not company.full:
         found, trials = company.found, company.trials
         ranked = _ranked(company, scene, able, further)
@@ -89,7 +95,11 @@ def joined(
         ahead = charged(best, on) - charged(found, trials)
         lost = lost_to(found, best, company.judging)
         if ahead - lost < least and not _confirmed(ahead, best, found, company.judging):
-            return replace(company, found=found)
+            settled_alone = charged(found, trials) - charged(company.found, trials)
+            company, again = replace(company, found=found), again - 1
+            if settled_alone > least and again >= 0:  # who joins was asked beside another gap
+                continue
+            return company
         rivals = dict(company.rivals)
         if len(others) > 1:
             rivals[best.model.effects[-2].name] = next(o for o in others if o is not way).told
@@ -220,27 +230,36 @@ def beside(
         starts.append((start, in_step(start, trials, 1) if free_clocks else tuple(trials)))
     best, on = max(starts, key=lambda pair: pair[0].worth(pair[1]))
     best = refitted(best, on)
-    if free_clocks and "periodic_disturbance" in best.model.names:
+    if free_clocks and {"drift", "periodic_disturbance"} & set(best.model.names):
         on = in_step(best, on, 1)
         best = refitted(best, on)
     return best, on
 
 
 def in_step(found: Told, trials: Sequence[Trial], from_trial: int) -> tuple[Trial, ...]:
-    """The trials from `from_trial` onwards with their clocks moved to where the periodic disturbance is in
-    step with what they show, where one is."""
-    own = [s for s in found.model.effects if s.name == "periodic_disturbance"]
-    if not own:
-        return tuple(trials)
-    period = 1.0 / float(own[0].parameters["frequency"])
-    out = list(trials[:from_trial])
-    for trial in trials[from_trial:]:
-        best = trial
-        for parts in TURNS:
-            turns = range(-parts // 2, parts // 2) if parts == TURNS[0] else (-1, 0, 1)
-            moved = [replace(best, start_time=best.start_time + k * period / parts) for k in turns]
-            best = max(moved, key=lambda t: found.scaled([t])[0])
-        out.append(best)
+    """The trials from `from_trial` onwards with their clocks moved to where the drift has settled as far,
+    and the periodic disturbance is in step with, what they show, where there is one."""
+    out = list(trials)
+    for spec in sorted(found.model.effects, key=lambda spec: spec.name != "drift"):
+        if spec.name == "drift" and spec.options.get("kind", SETTLES) == SETTLES:
+            settling = float(spec.parameters["time_constant"])
+            least, moves = 0.0, [[settling * share for share in WARM]]
+        elif spec.name == "periodic_disturbance":
+            period = 1.0 / float(spec.parameters["frequency"])
+            (first, *finer), least = TURNS, -np.inf
+            moves = [[k * period / first for k in range(-first // 2, first // 2)]]
+            moves += [[k * period / parts for k in (-1, 0, 1)] for parts in finer]
+        else:
+            continue
+        for k in range(from_trial, len(out)):
+            for by in moves:
+                clocks = [
+                    out[k].start_time + step
+                    for step in by
+                    if step >= 0.0 or out[k].start_time + step >= least
+                ]
+                moved = [replace(out[k], start_time=clock) for clock in clocks]
+                out[k] = max(moved, key=lambda trial: found.scaled([trial])[0])
     return tuple(out)
 
 

@@ -56,6 +56,7 @@ from ffl.diagnose.predict.play import (
     settled,
     shortened,
 )
+from ffl.diagnose.predict.smooth_forms import smoothly
 from ffl.diagnose.predict.starting import started
 from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.screen.candidate import Candidate
@@ -185,7 +186,7 @@ def accompanied(
     # One who left leaves better numbers, from which another may be seen.
     if stayed.found.model.names != came.found.model.names:
         stayed = proven(joined(stayed, scene, able, again, further), again)
-    return formed(exchanged(stayed, again), again)
+    return smoothly(formed(exchanged(stayed, again), again), again)
 
 
 def barer(found: Hypothesis) -> Hypothesis | None:

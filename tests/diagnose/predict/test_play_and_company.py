@@ -19,7 +19,7 @@ from ffl.diagnose.predict.moving import doubted
 from ffl.diagnose.predict.play import LOOSENESS, Hypothesis, able, settled
 from ffl.diagnose.predict.rattling import accompanied, barer, dampers
 from ffl.diagnose.predict.starting import started
-from ffl.diagnose.predict.switching import _clipped
+from ffl.diagnose.predict.switching import _clipped, _passing
 from ffl.machines import SimulatedMachine
 from ffl.systems import Controller, EffectSpec, Physics, Plant, Zpk
 
@@ -46,6 +46,22 @@ def test_the_mean_of_a_clipped_gaussian_is_that_of_many_draws(middle, spread):
     assert mean == pytest.approx(clipped.mean(), abs=0.01)
     assert inside == pytest.approx(np.mean(clipped == drawn), abs=0.005)
     assert rest <= 0.25 * 3.0**2 + 1e-12  # no force in between says more than both ends
+
+
+@pytest.mark.parametrize("depth", [-1.4, 0.0, 0.3, 5.0])
+@pytest.mark.parametrize(("spread", "way"), [(0.5, 0.02), (0.5, 1.0), (0.05, -2.0), (1e-6, 2.0)])
+def test_a_contact_on_the_way_is_averaged_over_it(depth, spread, way):
+    """Gaussian at every moment, its mean going evenly: against draws of both."""
+    rng = np.random.default_rng(2)
+    seen = rng.uniform(-0.5, 0.5, 400_000) * way + spread * rng.standard_normal(400_000)
+    share, more, wide, steep = _passing(depth, spread, way)
+    deep = np.maximum(depth + seen, 0.0)
+    assert share == pytest.approx(np.mean(depth + seen > 0.0), abs=0.004)
+    assert share * depth + more == pytest.approx(deep.mean(), abs=0.005)
+    assert 0.0 <= wide <= np.var(deep) + 1e-3
+    step = 0.05 * max(spread, abs(way))
+    ends = [_passing(depth + s * step, spread, way)[0] for s in (1.0, -1.0)]
+    assert steep == pytest.approx((ends[0] - ends[1]) / (2.0 * step), rel=0.05, abs=0.03)
 
 
 def test_friction_on_the_load_is_foretold_with_the_play(plant):  # noqa: F811
@@ -107,6 +123,28 @@ def test_a_damper_is_read_from_the_balance_of_forces(plant):  # noqa: F811
     scene, model = scene_of(plant, recorded(plant, PLAY, damper))
     found = {spec.name: spec.parameters for spec in rubbing(scene.trials, model)}
     assert found["viscous_friction"]["coefficient"] == pytest.approx(80.0, rel=0.3)
+
+
+def test_a_damper_is_read_beside_a_force_that_is_known(plant):  # noqa: F811
+    """A slow sine of time takes most of what a damper would, until it is told."""
+    pull = EffectSpec("drift", {"amplitude": 25.0, "time_constant": 0.8})
+    damper = EffectSpec("viscous_friction", {"coefficient": 30.0})
+    scene, model = scene_of(plant, recorded(plant, pull, damper, PLAY))
+
+    def read(*beside):  # type: ignore[no-untyped-def]
+        found = {s.name: s.parameters for s in rubbing(scene.trials, model, beside)}
+        return found["viscous_friction"]["coefficient"]
+
+    assert read(pull) == pytest.approx(30.0, rel=0.1)
+    assert abs(read() - 30.0) > 2.0 * abs(read(pull) - 30.0)
+
+
+def test_recordings_begin_when_others_did(plant):  # noqa: F811
+    scene, _ = scene_of(plant, recorded(plant))
+    later = [replace(trial.head(50), start_time=3.0 + k) for k, trial in enumerate(scene.trials)]
+    moved = joining.clocked(scene, later)
+    assert [trial.start_time for trial in moved.trials] == [3.0 + k for k in range(len(later))]
+    assert all(a.y is b.y for a, b in zip(moved.trials, scene.trials, strict=True))
 
 
 def test_play_and_friction_are_found_together_and_the_friction_keeps_its_form(plant):  # noqa: F811
