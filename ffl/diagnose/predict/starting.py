@@ -82,7 +82,7 @@ def _tight(
 ) -> list[tuple[Hypothesis, Sequence[float]]]:
     """A play for either side on which a rigid plant's own damping may act, begun under the noise as it is
     beside the company that suits it best. (Loose, a wrong company finds its way too: beside a drift and a
-    damper, both right, these settle 700 ahead of it, and on the right side 1,500.)"""
+    damper, both right, these settle 600 and 800 ahead of friction by direction alone.)"""
     sides = PARTS if told.base.simulator.mechanics.modes[0].damping > 0.0 else PARTS[:1]
     best: list[tuple[Hypothesis, Sequence[float]]] = []
     for own in companies:
