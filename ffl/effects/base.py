@@ -265,8 +265,8 @@ class Effect:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics
 
-    def seen(self, spec: EffectSpec, values: Parameters, setting: Setting) -> EffectSpec:
-        """The same physics by the numbers that are seen from outside, if others."""
+    def seen(self, spec: EffectSpec, whole: Mechanics) -> EffectSpec:
+        """`spec` by the numbers that are seen from outside `whole`, the machine with it, if others."""
         return spec
 
     def credible(self, spec: EffectSpec, extent: Extent) -> bool:

@@ -55,8 +55,7 @@ class FlexibleMode(Effect):
             whole=setting.options.get("resonance", NEARBY) == MACHINE,
         )
 
-    def seen(self, spec: EffectSpec, values: Parameters, setting: Setting) -> EffectSpec:
-        whole = self.modify(setting.mechanics, values, setting)
+    def seen(self, spec: EffectSpec, whole: Mechanics) -> EffectSpec:
         resonance = resonance_of(whole.a, whole.point(self.name))
         if resonance is None:
             return spec

@@ -11,7 +11,7 @@ from ffl.effects.base import Setting
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
 from ffl.errors import InputError
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 
 SAME = 1e-8  # of the largest number of a machine's matrix
 
@@ -19,13 +19,9 @@ SAME = 1e-8  # of the largest number of a machine's matrix
 def mechanics_with_effects(plant: Plant) -> Mechanics:
     """Continuous-time mechanics of `plant.system`, changed in turn by every effect that has a
     `modify` (mass, damping, stiffness, a hung mode); the rest of the effects leave it alone."""
-    from ffl.effects import effect_of
-
     mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
     for spec in plant.effects:
-        effect = effect_of(spec)
-        setting = Setting(plant.physics.motor_constant or 1.0, mechanics, spec.options)
-        mechanics = effect.modify(mechanics, effect.check(spec), setting)
+        mechanics = _with(mechanics, plant, spec)
     return mechanics
 
 
@@ -37,16 +33,21 @@ def as_seen(plant: Plant, count: int) -> Plant:
     mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
     told = []
     for spec in plant.effects[:count]:
-        effect, values = effect_of(spec), effect_of(spec).check(spec)
-        setting = Setting(plant.physics.motor_constant or 1.0, mechanics, spec.options)
-        after = effect.modify(mechanics, values, setting)
-        other = effect.seen(spec, values, setting)
+        whole = _with(mechanics, plant, spec)
+        other = effect_of(spec).seen(spec, whole)
         if other is not spec:
             with suppress(InputError):
-                there = replace(setting, options=other.options)
-                same = effect.modify(mechanics, effect.check(other), there)
-                if np.allclose(same.a, after.a, rtol=SAME, atol=SAME * np.abs(after.a).max()):
-                    spec, after = other, same
+                same = _with(mechanics, plant, other)
+                if np.allclose(same.a, whole.a, rtol=SAME, atol=SAME * np.abs(whole.a).max()):
+                    spec, whole = other, same
         told.append(spec)
-        mechanics = after
+        mechanics = whole
     return replace(plant, effects=(*told, *plant.effects[count:]))
+
+
+def _with(mechanics: Mechanics, plant: Plant, spec: EffectSpec) -> Mechanics:
+    from ffl.effects import effect_of
+
+    effect = effect_of(spec)
+    setting = Setting(plant.physics.motor_constant or 1.0, mechanics, spec.options)
+    return effect.modify(mechanics, effect.check(spec), setting)

@@ -108,15 +108,7 @@ class Fit:
         pass for doubt of the other numbers. Directions below 1e-9 of the largest at that, those in which
         a run overflows among them. None where the data see nothing of any number."""
         j = np.where(np.isfinite(self.jacobian).all(axis=0), self.jacobian, 0.0)
-        if j.shape[1] == 0:
-            return None
-        within = np.array([_within(c) for c in self.model.coordinates])
-        scale = np.maximum(np.hypot(lengths(j), within), 1e-150)  # its square must not vanish
-        r, _ = triangle(j / scale, self.white)
-        _, s, vt = np.linalg.svd(np.vstack([r, np.diag(within / scale)]))
-        if not s[0] > 0.0:
-            return None
-        return vt.T / np.where(s < 1e-9 * s[0], 1e-9 * s[0], s), scale
+        return root_of(j, self.white, np.array([_within(c) for c in self.model.coordinates]))
 
     @cached_property
     def covariance(self) -> Array:
@@ -128,6 +120,18 @@ class Fit:
         inflate = max(1.0, self.cost / max(len(self.white) - p, 1))
         with np.errstate(over="ignore"):  # what the data do not see has no finite spread
             return inflate * (half @ half.T) / np.outer(scale, scale)
+
+
+def root_of(j: Array, white: Array, within: Array) -> tuple[Array, Array] | None:
+    """See `Fit.root`: of the columns `j` (N, p) of `white`, and how far `within` bounds each number is."""
+    if j.shape[1] == 0:
+        return None
+    scale = np.maximum(np.hypot(lengths(j), within), 1e-150)  # its square must not vanish
+    r, _ = triangle(j / scale, white)
+    _, s, vt = np.linalg.svd(np.vstack([r, np.diag(within / scale)]))
+    if not s[0] > 0.0:
+        return None
+    return vt.T / np.where(s < 1e-9 * s[0], 1e-9 * s[0], s), scale
 
 
 def jacobian(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ffl.diagnose.hypothesis.fit import Fit
+from ffl.diagnose.hypothesis.fit import Fit, root_of
 from ffl.systems.state_space import Array
 
 if TYPE_CHECKING:
@@ -59,15 +59,13 @@ def own_error_of(judged: Judged, index: int, name: str) -> float | None:
     ]
     names = [judged.model.coordinates[k].name for k in own]
     j, white = judged.fit.jacobian[:, own], judged.fit.white
-    scale = np.sqrt(np.sum(j * j, axis=0))
-    if name not in names or not (np.isfinite(scale).all() and scale.all()):
+    if name not in names or not np.isfinite(j).all() or not np.any(j, axis=0).all():
         return error_of(judged, index, name)
-    _, s, vt = np.linalg.svd(np.linalg.qr(j / scale, mode="r"))
-    half = vt.T / np.maximum(s, 1e-9 * s[0])
-    plain = (
-        np.sqrt(np.sum(half**2, axis=1) * max(1.0, judged.fit.cost / max(len(white) - len(own), 1)))
-        / scale
-    )
+    root = root_of(j, white, np.zeros(len(own)))
+    assert root is not None
+    half, scale = root
+    inflate = max(1.0, judged.fit.cost / max(len(white) - len(own), 1))
+    plain = np.sqrt(inflate * np.sum(half**2, axis=1)) / scale
     samples = [len(trial) for trial in judged.scene.trials]
     each = np.fmax(plain, _by_blocks(j, white, half, scale, samples))
     at = names.index(name)

@@ -36,10 +36,10 @@ from ffl.diagnose.predict.joining import (
     proven,
 )
 from ffl.diagnose.predict.moving import bracketed, doubted, gap_at, moved, vague
+from ffl.diagnose.predict.plain_spring import untightened
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
 from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, followed, massless, unexplained
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
-from ffl.diagnose.predict.smooth_forms import smoothly
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
@@ -85,7 +85,7 @@ def with_loose_head(
     company = Company(regapped(begun, short), short, judging=judging)
     company = joined(company, scene, able, regapped)
     company = formed(exchanged(proven(company, regapped), regapped), regapped)
-    company = smoothly(company, regapped)
+    company = untightened(company, regapped)
     company = proven(company, regapped)  # who stood in for another form of friction
     company = replace(company, found=quieter(company.found, scene.noise, short))
     scene = clocked(scene, company.trials)

@@ -43,6 +43,7 @@ from ffl.diagnose.predict.joining import (
     proven,
 )
 from ffl.diagnose.predict.moving import doubted, gap_at, masses, vague
+from ffl.diagnose.predict.plain_spring import untightened
 from ffl.diagnose.predict.play import (
     GLANCE,
     GRIDS,
@@ -56,7 +57,6 @@ from ffl.diagnose.predict.play import (
     settled,
     shortened,
 )
-from ffl.diagnose.predict.smooth_forms import smoothly
 from ffl.diagnose.predict.starting import started
 from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.screen.candidate import Candidate
@@ -186,7 +186,7 @@ def accompanied(
     # One who left leaves better numbers, from which another may be seen.
     if stayed.found.model.names != came.found.model.names:
         stayed = proven(joined(stayed, scene, able, again, further), again)
-    return smoothly(formed(exchanged(stayed, again), again), again)
+    return untightened(formed(exchanged(stayed, again), again), again)
 
 
 def barer(found: Hypothesis) -> Hypothesis | None:

@@ -71,29 +71,27 @@ def started(
     best = _best([(begun, after) for begun, after in ways if begun is not None], scene)
     if len(told.base.simulator.mechanics.modes) > 1 or best is None:
         return best or (None, levels)
-    ends = [
-        settled(begun, scene, after) for begun, after in (best, *_tight(scene, told, companies))
-    ]
+    ends = [settled(best[0], scene, best[1])]
+    ends += [settled(begun, scene, TIGHT) for begun in _tight(scene, told, companies)]
     return max(ends, key=lambda one: one.worth(scene.trials)), TIGHT
 
 
 def _tight(
     scene: Scene, told: Model, companies: Sequence[tuple[EffectSpec, ...]]
-) -> list[tuple[Hypothesis, Sequence[float]]]:
+) -> list[Hypothesis]:
     """A play for either side on which a rigid plant's own damping may act, begun under the noise as it is
     beside the company that suits it best. (Loose, a wrong company finds its way too: beside a drift and a
     damper, both right, these settle 600 and 800 ahead of friction by direction alone.)"""
     sides = PARTS if told.base.simulator.mechanics.modes[0].damping > 0.0 else PARTS[:1]
-    best: list[tuple[Hypothesis, Sequence[float]]] = []
+    best: list[Hypothesis] = []
+    most = -np.inf
     for own in companies:
         grids = [of_grid(scene, replace(told, effects=own), TIGHT[0], (side,)) for side in sides]
-        ways = [_best([(grid, TIGHT)], scene) for grid in grids if grid is not None]
-        best = max(best, [way for way in ways if way], key=lambda row: _most(row, scene))
+        begun = [of_another_mass(grid, scene.trials) for grid in grids if grid is not None]
+        worth = max((play.worth(scene.trials) for play in begun), default=-np.inf)
+        if worth > most:
+            best, most = begun, worth
     return best
-
-
-def _most(ways: Sequence[tuple[Hypothesis, Sequence[float]]], scene: Scene) -> float:
-    return max((begun.worth(scene.trials) for begun, _ in ways), default=-np.inf)
 
 
 def _best(

@@ -22,6 +22,8 @@ from ffl.systems.state_space import Array
 def finding(
     standing: Judged, index: int, outcome: Outcome, plant: Plant, elsewhere: float
 ) -> Finding:
+    """Effect `index` of what stands, in the units of `plant`, by the numbers that are seen from outside;
+    `elsewhere`: the probability that it is nobody who was tried."""
     fitted = standing.model.effects[index]
     spec = _as_seen(standing.model, fitted)
     effect = EFFECTS[spec.name]

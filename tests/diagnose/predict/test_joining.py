@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from test_play_and_company import PLAY, told
 
-from ffl.diagnose.predict import joining, smooth_forms
+from ffl.diagnose.predict import joining, plain_spring
 from ffl.diagnose.predict.joining import Company
 from ffl.diagnose.predict.play import able
-from ffl.diagnose.predict.smooth_forms import _sibling
 from ffl.systems.plant import EffectSpec
 
 
@@ -73,42 +72,27 @@ def test_clocks_are_moved_to_where_it_has_settled_and_in_step(right):
     assert only.start_time >= 0.0  # nothing had begun to settle before it did
 
 
-def test_a_damper_has_a_drag_for_a_sibling_and_a_tightened_spring_a_plain_one():
-    """As strong at the RMS speed; as stiff where it is not at its end."""
-    t = np.arange(2000) * 1e-3
-    trials = [SimpleNamespace(y=0.01 * np.sin(2 * np.pi * t), sample_time=1e-3)]
-    usual = 0.01 * 2 * np.pi / np.sqrt(2.0)
-    damper = EffectSpec("viscous_friction", {"coefficient": 30.0}, {"side": "motor"})
-    drag = _sibling(damper, trials)
-    assert drag.name == "quadratic_drag"
-    assert drag.options == {"side": "motor"}
-    assert drag.parameters["coefficient"] * usual == pytest.approx(30.0, rel=0.01)
-    assert _sibling(drag, trials).parameters["coefficient"] == pytest.approx(30.0)
-    tight = EffectSpec("preloaded_spring", {"preload": 4.5, "width": 0.05, "centre": -0.02})
-    assert _sibling(tight, trials) == EffectSpec(
-        "linear_stiffness", {"stiffness": 90.0, "centre": -0.02}
+@pytest.mark.parametrize(("plain", "taken"), [(50.0, True), (-50.0, True), (-150.0, False)])
+def test_a_plain_spring_is_taken_that_foretells_no_clearly_worse(monkeypatch, plain, taken):
+    """As stiff as the tightened one where that is not at its end."""
+    own = told(("preloaded_spring", "backlash"), 0.0, 0.0)
+    tight = {"preload": 4.5, "width": 0.05, "centre": -0.02}
+    own.model.effects = (EffectSpec("preloaded_spring", tight, {"side": "motor"}), PLAY)
+    tried = told(("linear_stiffness", "backlash"), plain, 0.0)
+    put: list[EffectSpec] = []
+    monkeypatch.setattr(
+        plain_spring, "in_place", lambda found, name, spec: put.append(spec) or tried
     )
-    assert _sibling(PLAY, trials) is None
-
-
-@pytest.mark.parametrize(
-    ("other", "numbers", "taken"),
-    [(50.0, 2, True), (-50.0, 2, False), (-50.0, 1, True), (-150.0, 1, False)],
-)
-def test_a_sibling_is_taken_that_foretells_better_or_as_well_with_less(
-    monkeypatch, other, numbers, taken
-):
-    own = told(("viscous_friction", "backlash"), 0.0, 0.0)
-    own.model.coordinates = (0, 0)
-    tried = told(("quadratic_drag", "backlash"), other, 0.0)
-    tried.model.coordinates = (0,) * numbers
-    drag = EffectSpec("quadratic_drag", {"coefficient": 1.0})
-    siblings = {"viscous_friction": drag}
-    monkeypatch.setattr(smooth_forms, "_sibling", lambda spec, trials: siblings.get(spec.name))
-    monkeypatch.setattr(smooth_forms, "in_place", lambda *_: tried)
-    monkeypatch.setattr(smooth_forms, "refitted", lambda found, trials: found)
-    monkeypatch.setattr(smooth_forms, "charged", lambda found, trials: found.worth(trials))
-    company = smooth_forms.smoothly(Company(own, ("fitted",)), lambda found, trials: found)
-    assert (company.found is tried) is taken
+    monkeypatch.setattr(plain_spring, "refitted", lambda found, trials: found)
+    monkeypatch.setattr(plain_spring, "charged", lambda found, trials: found.worth(trials))
+    company = plain_spring.untightened(Company(own, ("fitted",)), lambda found, trials: found)
+    spring = {"stiffness": 90.0, "centre": -0.02}
+    assert put == [EffectSpec("linear_stiffness", spring, {"side": "motor"})]
+    assert company.found is (tried if taken else own)
     (rival,) = company.rivals.items()
-    assert rival == (("quadratic_drag", own) if taken else ("viscous_friction", tried))
+    assert rival == (("linear_stiffness", own) if taken else ("preloaded_spring", tried))
+
+
+def test_who_has_no_tightened_spring_stays_as_he_is():
+    alone = Company(told(("viscous_friction", "backlash"), 0.0, 0.0), ("fitted",))
+    assert plain_spring.untightened(alone, lambda found, trials: found) is alone
