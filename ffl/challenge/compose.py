@@ -29,7 +29,7 @@ NEVER_WEAK = (
 
 # Two that are one: levels by direction hold any constant load, a spring's centre moves with it, and one
 # level beside a load is two levels; two levels beside a spring are one, and another centre. Levels by
-# position and direction hold any load and any spring.
+# position and direction hold any load and any spring, stiffening or preloaded ones too.
 ONE_AND_THE_SAME = (
     {"asymmetric_friction", "linear_stiffness"},
     {"asymmetric_friction", "constant_load"},
@@ -37,6 +37,8 @@ ONE_AND_THE_SAME = (
     {"linear_stiffness", "constant_load"},
     {"position_dependent_friction", "constant_load"},
     {"position_dependent_friction", "linear_stiffness"},
+    {"position_dependent_friction", "hardening_spring"},
+    {"position_dependent_friction", "preloaded_spring"},
 )
 
 

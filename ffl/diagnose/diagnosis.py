@@ -15,6 +15,7 @@ from ffl.diagnose.contest.plainest import plainest
 from ffl.diagnose.contest.restraint import restrained
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.search import contest
+from ffl.diagnose.contest.stated import let_free
 from ffl.diagnose.contest.timing import late_otherwise
 from ffl.diagnose.contest.unneeded import without_unneeded
 from ffl.diagnose.hypothesis.harmonics import without_faint
@@ -268,7 +269,7 @@ def _named(
         standing, outcome = late_otherwise(held, standing, outcome, before)
         standing, outcome = plainest(held, standing, outcome)
         standing = without_chance(held, without_faint(held, standing))
-        standing = without_unneeded(held, standing)
+        standing = without_unneeded(held, let_free(held, standing))
     standing = with_modes_heard(held, standing)
     if not standing.predicted:
         standing = released(restrained(held, standing))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ffl.diagnose.contest.judging import Judged, is_another, judge
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.model import LOAD, TABLE, Model, balanced
+from ffl.diagnose.hypothesis.model import LOAD, TABLE, Model
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
@@ -46,14 +47,23 @@ def beside_a_load(held: Scene | None, judged: Judged) -> Judged:
     model = judged.model
     if not {TABLE, LOAD} <= set(model.names) or LOAD in model.held:
         return judged
-    even = replace(_balanced(model), held=model.held | {LOAD})
+    even = replace(_even(model), held=model.held | {LOAD})
     tried = judge(judged.scene, held, even, 8)
-    tried = judge(tried.scene, held, _balanced(tried.model), 0)  # the same motion
+    tried = judge(tried.scene, held, _even(tried.model), 0)  # the same motion
     judged = judge(judged.scene, held, model, 4, judged.fit)  # by the same noise
     return tried if tried.score > judged.score - TIE else judged
 
 
-def _balanced(model: Model) -> Model:
+def balanced(table: Mapping[str, Sequence[float]]) -> tuple[dict[str, Any], float]:
+    """(`table` with the same mean level both ways, half of what its means differed by, which is a constant
+    force): levels are magnitudes, and end at 0."""
+    up, down = (np.asarray(table[key], float) for key in ("positive", "negative"))
+    half = 0.5 * float(np.mean(down) - np.mean(up))
+    sides = (np.maximum(up + half, 0.0).tolist(), np.maximum(down - half, 0.0).tolist())
+    return {**table, **dict(zip(("positive", "negative"), sides, strict=True))}, half
+
+
+def _even(model: Model) -> Model:
     index, load = model.names.index(TABLE), model.names.index(LOAD)
     values = model.effects[index].parameters
     table, more = balanced(values["table"])

@@ -45,6 +45,7 @@ from ffl.diagnose.contest.settle import (
     settle,
 )
 from ffl.diagnose.contest.shares import shares_off
+from ffl.diagnose.contest.stated import begun_as_stated, in_their_place
 from ffl.diagnose.contest.teeth import other_teeth
 from ffl.diagnose.contest.timing import begun_late
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
@@ -339,6 +340,8 @@ def _one_more(
     does)."""
     rivals = each(lambda first: judge(quiet, held, first.model, 6, first), begun)
     rivals += courses(quiet, held, base, rivals) + other_teeth(quiet, held, base, rivals)
+    free, kept = begun_as_stated(quiet, held, base, rivals)
+    rivals += free
     for rival in rivals:
         side = rival.model.effects[-1].options.get("side", "sensor")
         say(
@@ -363,7 +366,7 @@ def _one_more(
     if not worthy and not base.model.effects and crosses(quiet, base):
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
         worthy = _claimants(quiet, held, base, rivals, threshold)
-    worthy = gaining(worthy, base)
+    worthy = gaining(worthy or in_their_place(base, kept, threshold), base)
     return base, rivals, worthy[0] if worthy else None
 
 

@@ -1,13 +1,13 @@
 """Names that nothing misses in the end.
 
 An effect that came in early may be nothing beside who came after it: its sizes are within their errors of
-none, and the others, fitted anew, score as well without it. Errors are those of what is left as it is
-(`noise.spread`), so that the question is asked where it has a point.
+none, and beside the others, fitted anew without it, it would not come in. Errors are those of what is left
+as it is (`noise.spread`), so that the question is asked where it has a point.
 """
 
 from __future__ import annotations
 
-from ffl.diagnose.contest.judging import Judged, judge, levelled
+from ffl.diagnose.contest.judging import Judged, judge, stays
 from ffl.diagnose.contest.scene import Scene
 from ffl.effects import EFFECTS
 
@@ -16,9 +16,12 @@ ROUNDS = 8
 
 
 def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
-    """`standing` without the effects that score no worse left out, one after the other from the least
+    """`standing` without the effects that would not come in again, one after the other from the least
     sure; one stays in any case. (Drag and Stribeck friction on a spring: a gain by position of 1.5 errors
-    that an observer's search had let in beside them was told with 0.97, and scored 268 more left out.)"""
+    that an observer's search had let in beside them was told with 0.97, and scored 268 more left out. A
+    mode of 0.1 % of the mass, two errors from none, had made up for a damper told as the model's own;
+    beside the damper it brought 12 in the fitted recordings for three numbers, and 229 in those that
+    judge.)"""
     current = standing
     while len(current.model.effects) > 1:
         sizes = {i: sureness(current, i) for i in range(len(current.model.effects))}
@@ -26,8 +29,7 @@ def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
         asked = [i for i in asked if current.model.names[i] not in current.model.proven]
         for index in asked:
             bare = judge(current.scene, held, current.model.without(index), ROUNDS, current.fit)
-            left, whole = levelled([bare, current])
-            if left.score >= whole.score:
+            if not stays(current, bare, 0.0):
                 current = bare
                 break
         else:

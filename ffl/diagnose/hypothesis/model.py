@@ -111,6 +111,7 @@ class Model:
     held: frozenset[str] = frozenset()  # corrections, and effects by name, that stay as they are
     given: tuple[EffectSpec, ...] | None = None
     proven: frozenset[str] = frozenset()  # effects that stand, numbers included, by direct evidence
+    unmoved: frozenset[str] = frozenset()  # corrections as stated: an effect stands for them
 
     @property
     def stated(self) -> tuple[EffectSpec, ...]:
@@ -266,7 +267,7 @@ class Model:
 
     def _corrections(self) -> Iterator[Coordinate]:
         for c in self.base.corrections:
-            if c.name in self.held or (c.asked and c.name not in self.corrections):
+            if c.name in self.held | self.unmoved or (c.asked and c.name not in self.corrections):
                 continue
             yield Coordinate(
                 "correction", c.name, -1, None, c.scale, c.lower, c.upper, doubt=DOUBT * c.scale
@@ -351,7 +352,7 @@ class Model:
             for k, v in specs.items()
         )
         effects = tuple(replace(e, options=o) for e, o in zip(effects, options, strict=True))
-        other = Model(self.base, corrections, effects, self.held, given, self.proven)
+        other = Model(self.base, corrections, effects, self.held, given, self.proven, self.unmoved)
         object.__setattr__(other, "coordinates", self.coordinates)
         if "substeps" in self.__dict__:
             object.__setattr__(other, "substeps", self.substeps)
@@ -380,15 +381,6 @@ class Model:
 
     def without(self, index: int) -> Model:
         return replace(self, effects=self.effects[:index] + self.effects[index + 1 :])
-
-
-def balanced(table: Mapping[str, Sequence[float]]) -> tuple[dict[str, Any], float]:
-    """(`table` with the same mean level both ways, half of what its means differed by, which is a constant
-    force): levels are magnitudes, and end at 0."""
-    up, down = (np.asarray(table[key], float) for key in ("positive", "negative"))
-    half = 0.5 * float(np.mean(down) - np.mean(up))
-    sides = (np.maximum(up + half, 0.0).tolist(), np.maximum(down - half, 0.0).tolist())
-    return {**table, **dict(zip(("positive", "negative"), sides, strict=True))}, half
 
 
 def _keep_sound(name: str, values: dict[str, Any]) -> None:

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest.evenly import beside_a_load, of_its_mass, recentred
+from ffl.diagnose.contest.evenly import balanced, beside_a_load, of_its_mass, recentred
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.line import across_the_line
 from ffl.diagnose.hypothesis.amounts import as_effect
-from ffl.diagnose.hypothesis.model import balanced
 from ffl.systems import EffectSpec
 
 GRID = np.linspace(-0.02, 0.1, 9)

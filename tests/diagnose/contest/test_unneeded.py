@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from ffl.diagnose.contest import unneeded
-from ffl.diagnose.contest.judging import judge
+from ffl.diagnose.contest.judging import judge, levelled
 from ffl.diagnose.contest.unneeded import sureness, without_unneeded
 from ffl.systems.plant import EffectSpec
 
@@ -30,6 +30,18 @@ def test_who_is_not_needed_goes_and_nobody_else(seen):
     assert left.model.names == (FRICTION.name, LOAD.name)
     assert left.score >= found.score
     assert without_unneeded(held, left) is left
+
+
+def test_luck_on_what_judges_keeps_nobody(seen):
+    """Who brings less on the fitted recordings than its numbers cost would not come in, whatever the others
+    seem to gain."""
+    scene, held, model = seen
+    found = judge(scene, held, replace(model, effects=(NOTHING, FRICTION, LOAD)), 10)
+    lucky = replace(found, held_white=0.97 * found.held_white)
+    bare = judge(scene, held, replace(model, effects=(FRICTION, LOAD)), 10)
+    whole, left = levelled([lucky, bare])
+    assert whole.score > left.score
+    assert without_unneeded(held, lucky).model.names == (FRICTION.name, LOAD.name)
 
 
 def test_one_stays_in_any_case_and_so_does_what_was_seen_directly(seen):
