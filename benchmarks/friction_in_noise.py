@@ -1,10 +1,11 @@
 """How loud may force noise be before the friction that free runs find is wrong, and what a filter finds.
 
-Rigid stages of the challenge (other equations, small steps) with Coulomb friction under white force noise
-from 3 % to three times its level. The level is fitted twice, to free runs and to what a filter that sticks
-and slips leaves from sample to sample, mass and damping free in both.
+Stages of the challenge (other equations, small steps) with Coulomb friction under white force noise from
+3 % to three times its level. The level is fitted twice, to free runs and to what a filter that sticks and
+slips leaves from sample to sample, in as many parts of one as are the likelier; mass and damping are free.
 
-    python benchmarks/friction_in_noise.py [--seeds 10] [--jobs 1] [--picture FILE.png] [--json]
+    python benchmarks/friction_in_noise.py [--machine rigid|stiffness] [--seeds 10] [--jobs 1]
+        [--picture FILE.png] [--json]
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.foretold import refitted
-from ffl.diagnose.predict.slipping import Slip
+from ffl.diagnose.predict.slipping import PARTS, Slip
 from ffl.diagnose.recorded.trials import prepare
 from ffl.report.page import COLOURS, drawing, png_bytes, subplots
 from ffl.systems import EffectSpec
@@ -40,10 +41,10 @@ from ffl.systems.atomic import write_bytes
 LOUDNESS = (0.03, 0.1, 0.3, 1.0, 3.0)  # RMS force noise over the friction's level
 
 
-def made(seed: int, loud: float, home: Path) -> float:
+def made(machine: str, seed: int, loud: float, home: Path) -> float:
     """Recordings and model of one stage in `home`; its level in units of the command."""
     rng = np.random.default_rng([seed, 41])
-    setup = draw_setup("rigid", "careful", rng)
+    setup = draw_setup(machine, "careful", rng)
     scales = measure(setup)
     build, (friction,) = assemble(setup, [Part("coulomb_friction", "motor", seed, 1.0)], scales)
     level = friction["level"] / setup.parameters["constant"]
@@ -52,15 +53,15 @@ def made(seed: int, loud: float, home: Path) -> float:
         tuple(write.columns(e, *run(build, setup, e, noise, rng), setup.sample_time) for e in plan)
         for plan in (setup.fit, setup.validate)
     ]
-    NullCase("rigid", write.plant_text(setup, noise, None), *groups).save(home)
+    NullCase(machine, write.plant_text(setup, noise, None), *groups).save(home)
     return level
 
 
-def one(seed: int, loud: float) -> dict[str, float]:
+def one(machine: str, seed: int, loud: float) -> dict[str, float]:
     """Level found over the true one by free runs and by the filter, and what friction brings by either, in
     nats."""
     with tempfile.TemporaryDirectory() as folder:
-        level = made(seed, loud, Path(folder))
+        level = made(machine, seed, loud, Path(folder))
         plant, recordings, _ = read_case(Path(folder))
     base = Base.of(plant, max(float(np.ptp(r.y)) for r in recordings))
     level *= base.simulator.force_per_input
@@ -73,7 +74,11 @@ def one(seed: int, loud: float) -> dict[str, float]:
         "coulomb_friction", {"level": 0.2 * float(rms) * base.simulator.force_per_input}
     )
     free, bare = judge(scene, None, none.with_effect(begun), 12), judge(scene, None, none, 12)
-    told, plain = (refitted(Slip(m, noise), scene.trials) for m in (none.with_effect(begun), none))
+    ways = [Slip(none.with_effect(begun), noise, parts) for parts in PARTS]
+    told = max(
+        (refitted(way, scene.trials) for way in ways), key=lambda way: way.worth(scene.trials)
+    )
+    plain = refitted(Slip(none, noise), scene.trials)
     return {
         "loudness": loud,
         "seed": seed,
@@ -109,13 +114,14 @@ def picture(rows: list[dict[str, float]], path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--machine", choices=("rigid", "stiffness"), default="rigid")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     rows = Parallel(asked.jobs)(
-        delayed(one)(seed, loud) for loud in LOUDNESS for seed in range(asked.seeds)
+        delayed(one)(asked.machine, seed, loud) for loud in LOUDNESS for seed in range(asked.seeds)
     )
     if asked.picture:
         with drawing():

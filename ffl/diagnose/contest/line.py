@@ -7,7 +7,7 @@ and the linear model's own number stays at its nominal value.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,6 +58,7 @@ SURE = 3.0  # standard errors
 AJAR = 2.0  # times the line: as far a number may stand beyond it that says more there
 TELLS = 25.0  # log-likelihood that it must say, as much as an effect
 FAINT = 100.0  # log-likelihood that a number brings as an effect: with less a sibling may be it
+CLAIMANTS = 4  # effects that are held against a correction beyond the line
 LATE = {"input_delay": "delay", "actuator_lag": "time_constant", "sensor_lead": "lead"}
 
 
@@ -94,6 +95,20 @@ def on_the_line(held: Scene | None, judged: Judged) -> Judged:
         if abs(size) > LINE and name not in judged.model.held:
             judged = _within(held, judged, name, ALMOST * LINE / abs(size))
     return judged
+
+
+def claimants(
+    quiet: Scene, held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
+) -> list[Judged]:
+    """Those of `rivals`, best first, that with their own corrections on the line do more than the one
+    beyond it that `base` stands on, and earn their place beside it on the line."""
+    worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
+    if not worthy:
+        return []
+    on_line = [on_the_line(held, replace(r, scene=quiet)) for r in (base, *worthy)]
+    base, plain, *worthy = levelled([base, *on_line])
+    worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
+    return sorted((r for r in worthy if earns(r, plain, threshold)), key=lambda r: -r.score)
 
 
 def across_the_line(scene: Scene, held: Scene | None, judged: Judged) -> Judged:

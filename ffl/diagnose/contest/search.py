@@ -30,7 +30,7 @@ from ffl.diagnose.contest.judging import (
     raw_error,
 )
 from ffl.diagnose.contest.lags import plain_lags
-from ffl.diagnose.contest.line import crosses, on_the_line
+from ffl.diagnose.contest.line import claimants, crosses
 from ffl.diagnose.contest.modes import mode_elsewhere
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.rounds import Outcome, Step, to_the_end
@@ -56,6 +56,7 @@ from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.friction_table import no_patch, refined
 from ffl.diagnose.hypothesis.harmonics import with_harmonics
 from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.noise.heard import on_its_spring
 from ffl.diagnose.noise.unrest import louder_than_noise
 from ffl.diagnose.screen.glimpse import promising
 from ffl.diagnose.screen.views import View, entrants_of, screens
@@ -63,7 +64,6 @@ from ffl.diagnose.screen.views import View, entrants_of, screens
 FAINT = 16.0  # first-order gain below which a fit is not worth while
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 BY_CHANCE = 0.05  # of noise that makes more
-CLAIMANTS = 4  # effects that are held against a correction beyond the line
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 CLOSER = 0.75  # of it: what who is refused must leave to be followed where the rest may be noise
@@ -101,7 +101,15 @@ def contest(
         if _ahead(other, outcome, say):
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
-    ways = two_for_two, untabled, within_the_travel, begun_late, mode_elsewhere, shares_off
+    ways = (
+        on_its_spring,
+        two_for_two,
+        untabled,
+        within_the_travel,
+        begun_late,
+        mode_elsewhere,
+        shares_off,
+    )
     for other_way in ways:
         pair = other_way(outcome.standing.scene, outcome.held, outcome.standing, say)
         if pair is None or scene.work.done:
@@ -110,8 +118,9 @@ def contest(
         start = pair.scene, pair.held, pair, outcome.steps, {}
         other = _climb(*start, frozenset(), threshold, most, say)
         alike = set(pair.model.names) == set(other.standing.model.names)
-        instead = other_way is shares_off and alike  # a correction needs no lead over an effect
-        outcome = other if instead or _ahead(other, outcome, say) else outcome
+        # Noise has spoken; and a correction needs no lead over an effect.
+        told = other_way is on_its_spring or (other_way is shares_off and alike)
+        outcome = other if told or _ahead(other, outcome, say) else outcome
     return outcome
 
 
@@ -365,7 +374,7 @@ def _one_more(
     worthy = no_patch(quiet, held, base, worthy, say)
     if not worthy and not base.model.effects and crosses(quiet, base):
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
-        worthy = _claimants(quiet, held, base, rivals, threshold)
+        worthy = claimants(quiet, held, base, rivals, threshold)
     worthy = gaining(worthy or in_their_place(base, kept, threshold), base)
     return base, rivals, worthy[0] if worthy else None
 
@@ -383,17 +392,3 @@ def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then:
     if one.held_out >= other.held_out or now <= WORSE * then:
         return False
     return now > WORSE * noise_error(held, judged.scene, BY_CHANCE)
-
-
-def _claimants(
-    quiet: Scene, held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
-) -> list[Judged]:
-    """Those of `rivals`, best first, that with their own corrections on the line do more than the one
-    beyond it that `base` stands on, and earn their place beside it on the line."""
-    worthy = [r for r in rivals[:CLAIMANTS] if r.score > base.score + SUBSTITUTE]
-    if not worthy:
-        return []
-    on_line = [on_the_line(held, replace(r, scene=quiet)) for r in (base, *worthy)]
-    base, plain, *worthy = levelled([base, *on_line])
-    worthy = [r for r in worthy if r.score > base.score + SUBSTITUTE]
-    return sorted((r for r in worthy if earns(r, plain, threshold)), key=lambda r: -r.score)

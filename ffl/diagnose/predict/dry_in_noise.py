@@ -10,7 +10,7 @@ likelihood is that of whitening; the friction must be the likelier by either mea
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,7 +29,7 @@ from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.foretold import FIRST, best_of, of_others, refitted
 from ffl.diagnose.predict.play import GLANCE, LOOK, shortened
-from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip
+from ffl.diagnose.predict.slipping import FORMS, LINEAR, PARTS, Slip
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -148,7 +148,7 @@ def _led_by_free_runs(
     if not any(spec.name in FORMS for spec in standing.model.effects):
         return False
     model = replace(begun[1], effects=standing.model.effects)
-    own = max((Slip(model, noise) for noise in noises), key=lambda h: h.worth(scene.trials))
+    own = max(_ways(model, noises), key=lambda h: h.worth(scene.trials))
     judged = _judged(refitted(own, scene.trials, rounds=FIRST), scene, held)
     if judged is None:
         return False
@@ -194,7 +194,8 @@ def _as_stated(best: Judged, scene: Scene, held: Scene, noises: Sequence[Noise])
     beyond = {n for n, size in sizes(scene, best.model).items() if claims(n, size)}
     corrections = {k: v for k, v in best.model.corrections.items() if k not in beyond}
     model = replace(best.model, corrections=corrections, held=best.model.held | beyond)
-    tried = [refitted(Slip(model, noise), scene.trials) for noise in {best.scene.noise, *noises}]
+    ways = _ways(model, {best.scene.noise, *noises})
+    tried = [refitted(way, scene.trials) for way in ways]
     return _judged(max(tried, key=lambda one: one.scaled(scene.trials)[0]), scene, held)
 
 
@@ -266,14 +267,15 @@ def _forms(
     where plain friction foretells best, under that of the `noises` that suits it; nothing where that
     says no more than none does, unless a damper stands that may be a friction (`damped`: a contact that
     yields for long says less as plain friction than as a damper). A table begins flat, and as `tables` have
-    it."""
+    it, with the company that free runs found beside them."""
     trials, told = scene.trials, begun[0]
     short, glimpse, base = shortened(scene, LOOK), shortened(scene, GLANCE), told.base
     force = _rms([t.u for t in trials]) * base.simulator.force_per_input
 
     levels = [
-        _with(model, noise, "coulomb_friction", place.options, level=force * size)
-        for model in begun for noise in noises for place in places_of(told) for size in LEVELS
+        way
+        for model in begun for place in places_of(told) for size in LEVELS
+        for way in _ways(_with(model, "coulomb_friction", place.options, level=force * size), noises)
     ]  # fmt: skip
     plain = refitted(max(levels, key=lambda h: h.worth(glimpse)), trials)
     bare = plain.model.without(len(told.effects))
@@ -304,11 +306,14 @@ def _forms(
             {"level": level, "stiffness": level / (x * base.travel), "micro_damping": 0.0}
             for x in YIELDS
         ],
-        "position_dependent_friction": [{"level": level, "table": table}, *map(dict, tables)],
+        "position_dependent_friction": [{"level": level, "table": table}],
     }
     forms = [plain]
     for name, values in starts.items():
-        begun_by = [_with(bare, plain.noise, name, options, **own) for own in values]
+        begun_by = [replace(plain, model=_with(bare, name, options, **own)) for own in values]
+        if "table" in values[0]:
+            as_found = [_with(begun[-1], name, options, **own) for own in tables]
+            begun_by += [way for model in as_found for way in _ways(model, noises)]
         tried = [refitted(one, short, of_others(one.model), FIRST) for one in begun_by]
         best = max(tried, key=lambda h: h.worth(short))
         leans = name not in STIFF or best.worth(short) > plain.worth(short) + LEAN
@@ -346,8 +351,13 @@ def _shown(judged: Judged) -> bool:
     return judged.model.names[-1] != CONTACT or not unseen(judged, len(judged.model.names) - 1)
 
 
-def _with(model: Model, noise: Noise, name: str, options, **values: Any) -> Slip:  # type: ignore[no-untyped-def]
-    return Slip(model.with_effect(EffectSpec(name, values, dict(options))), noise)
+def _with(model: Model, name: str, options: Mapping[str, Any], **values: Any) -> Model:
+    return model.with_effect(EffectSpec(name, values, dict(options)))
+
+
+def _ways(model: Model, noises: Iterable[Noise]) -> list[Slip]:
+    """`model` under each of the `noises`, its friction in steps of a sample and of parts of it."""
+    return [Slip(model, noise, parts) for noise in noises for parts in PARTS]
 
 
 def _judged(found: Slip, scene: Scene, held: Scene) -> Judged | None:

@@ -2,9 +2,9 @@
 
 Noise that moves a machine as much as its command does smooths dry friction: where the speed is in doubt by
 more than it is, the friction in the mean is a damping, and a simulation without noise, which knows its
-speed, asks for half the level. The filter keeps state and doubt. Over a sample everything but the friction
-moves the speed at its point to v with standard deviation s; the friction takes off what it can, up to what
-its level changes the speed by,
+speed, asks for half the level. The filter keeps state and doubt. Over a step, a sample or a part of one,
+everything but the friction moves the speed at its point to v with standard deviation s; the friction takes
+off what it can, up to what its level changes the speed by,
 
     v' = v - clip(v, -d-, d+),   d+- = level+- (what a unit of force there changes v by),
 
@@ -15,6 +15,10 @@ same way. So is a play of the measuring head: a machine moves the head once it h
     y = x - z,   z' = clip(z + dx, -gap/2, gap/2),
 
 is all that is seen of it. The innovations have the likelihood of `foretold`.
+
+A step of a sample is wrong by what friction does while it turns within one, which a quiet sensor sees;
+steps of parts match moments in each of them, as if the noise that is held over the sample were another in
+every one. Which is the lesser evil the likelihood tells (`PARTS`).
 """
 
 from __future__ import annotations
@@ -51,6 +55,10 @@ NEVER = 1e12  # speeds over which a level that does not fall would fall
 NONE = (0.0, 0.0, NEVER)
 UNKNOWN = 10.0  # times what noise alone makes of the state: where a recording begins in motion
 STEPS = 4  # of a sample, where a contact yields
+PARTS = (
+    1,
+    2,
+)  # of a sample, in which rigid friction may act: with more the noise held over it is lost
 STIFF = 2.5  # what a contact turns by in a sample: one that is stiffer yields in none
 DOUBLINGS = 10  # 1,024 samples, in which noise has made of the state what it may be in doubt by
 SOFT = 1e-6  # of the fastest rate of a plant: a shift that changes slower changes nothing
@@ -126,9 +134,9 @@ class Slipping:
             mechanics.hung, per, mechanics.delay, mechanics.sample_time,
         )  # fmt: skip
 
-    def predict(self, trial: Trial, noise: Noise) -> tuple[Array, Array, Array]:
+    def predict(self, trial: Trial, noise: Noise, parts: int = 1) -> tuple[Array, Array, Array]:
         """(innovations (N,) in output units, their standard deviations (N,), logarithms of their scales) of
-        one recording, from y and u as measured."""
+        one recording, from y and u as measured; rigid friction acts in so many `parts` of a sample."""
         n, step = len(self.a), self.sample_time
         stiffness = self.bristle
         if np.sqrt(stiffness * float(self.speed @ self.force)) * step > STIFF:
@@ -147,7 +155,7 @@ class Slipping:
         large = np.sqrt(np.diag(swing))
         if m > held:  # a play hangs on what is measured and moves nothing
             large = np.append(large, 0.5 * self.play)
-        steps = STEPS if held > n else 1
+        steps = STEPS if held > n else parts
         whole = scipy.linalg.expm(block * step / steps)
         move = whole[:m, :m] * large / large[:, None]
         pushes = whole[:m, m:].T / large
@@ -279,7 +287,10 @@ def _swing(move: Array, push: Array) -> Array:
 @dataclass(frozen=True)
 class Slip(Foretold):
     """A model whose dry friction, if it has one, is foretold by `Slipping`; what else it has belongs to
-    the linear part (`LINEAR`), or can be taken out of the recordings (`company`)."""
+    the linear part (`LINEAR`), or can be taken out of the recordings (`company`). `parts`: of a sample, in
+    which rigid friction acts."""
+
+    parts: int = 1
 
     @property
     def steps(self) -> Array:
@@ -293,7 +304,7 @@ class Slip(Foretold):
             if slipping is None:
                 return None
             seen = [without(trial, others) if others else trial for trial in trials]
-            parts = [slipping.predict(trial, self.noise) for trial in seen]
+            parts = [slipping.predict(trial, self.noise, self.parts) for trial in seen]
         except (InputError, np.linalg.LinAlgError):  # numbers that no machine has
             return None
         e, s, logs = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest import hearing, search
+from ffl.diagnose.contest import hearing, line, search
 from ffl.diagnose.contest import settle as settling
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome, Step
@@ -132,11 +132,11 @@ def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, m
     friction = judge(scene, held, model.with_effect(FRICTION), rounds=10)
     assert friction.scene.noise != nothing.scene.noise
     seen = []
-    own = search.on_the_line
+    own = line.on_the_line
     monkeypatch.setattr(
-        search, "on_the_line", lambda held, judged: seen.append(judged.scene) or own(held, judged)
+        line, "on_the_line", lambda held, judged: seen.append(judged.scene) or own(held, judged)
     )
-    (first,) = search._claimants(scene, held, nothing, [friction], THRESHOLD)
+    (first,) = line.claimants(scene, held, nothing, [friction], THRESHOLD)
     assert first.model.names == ("coulomb_friction",)
     assert len(seen) == 2
     assert all(one is scene for one in seen)

@@ -8,6 +8,11 @@ import pytest
 import scipy.integrate
 import scipy.stats
 
+from ffl.challenge import write
+from ffl.challenge.draw import draw_noise, draw_setup, measure
+from ffl.challenge.make import NullCase
+from ffl.challenge.stage import Part, assemble
+from ffl.challenge.stage import run as run_stage
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
@@ -19,7 +24,8 @@ from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.foretold import of_others, refitted
 from ffl.diagnose.predict.slipping import FORMS, Slip, ease, levels
 from ffl.diagnose.recorded.trials import prepare
-from ffl.systems import EffectSpec
+from ffl.recordings import read_recording
+from ffl.systems import EffectSpec, load_plant
 from ffl.systems.plant import Imperfections
 
 LOUD = 0.5  # N, white
@@ -354,3 +360,32 @@ def test_a_held_out_recording_is_asked_what_it_can_tell(fitted, held_out, shown,
 
     plain, other = judged(-200.0, -shown), judged(-fitted, -held_out)
     assert dry_in_noise._beats(judged(0.0, 0.0), (plain, other), plain) is beats
+
+
+def test_a_step_is_as_fine_as_the_likelihood_asks(tmp_path):
+    """On a stage with a spring, made by the challenge's own simulation, a step of one sample takes what
+    friction does within it for noise: 0.79 of the level, and 1.9 times the noise."""
+    rng = np.random.default_rng([1, 41])
+    setup = draw_setup("stiffness", "careful", rng)
+    scales = measure(setup)
+    build, (friction,) = assemble(setup, [Part("coulomb_friction", "motor", 1, 1.0)], scales)
+    true, constant = friction["level"], setup.parameters["constant"]
+    noise = draw_noise(setup, scales, rng)
+    noise = replace(noise, force=0.3 * true / constant, force_coloured=0.0)
+    experiment = setup.fit[0]
+    run = write.columns(
+        experiment, *run_stage(build, setup, experiment, noise, rng), setup.sample_time
+    )
+    NullCase("stiffness", write.plant_text(setup, noise, None), (run,), ()).save(tmp_path)
+    plant, recording = load_plant(tmp_path / "plant.toml"), read_recording(tmp_path / "fit_1.csv")
+    base = Base.of(plant, float(np.ptp(recording.y)))
+    told = Noise(plant.machine.sensor_noise, plant.machine.force_noise)
+    trials = [prepare(base.simulator, recording, told.sensor)]
+    level = true / constant * base.simulator.force_per_input
+    begun = Model(base).with_effect(EffectSpec("coulomb_friction", {"level": 0.7 * level}))
+    ways = [refitted(way, trials) for way in dry_in_noise._ways(begun, [told])]
+    coarse, fine = sorted(ways, key=lambda way: way.parts)
+    found = {way.parts: way.model.effects[0].parameters["level"] / level for way in ways}
+    assert found[2] == pytest.approx(1.0, abs=0.1)
+    assert abs(found[2] - 1.0) < abs(found[1] - 1.0)
+    assert fine.worth(trials) > coarse.worth(trials) + 1000.0
