@@ -48,7 +48,7 @@ OPEN = 4.0  # log-likelihood of the fitted recordings by which corrections are a
 CLEANER = 0.85  # noise must fall below this share of what it was for another pass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judged:
     """A fitted hypothesis with its own noise: `fitted` and `held_out` log-likelihoods."""
 

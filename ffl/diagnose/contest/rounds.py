@@ -11,7 +11,7 @@ from ffl.diagnose.screen.candidate import Candidate
 FURTHER = 4  # times 8 rounds that the best of a round are fitted on
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """One round of the contest: what stood, who challenged it, what they reached. `turned_down`: who was
     accepted, and did not hold up once all was refitted."""
@@ -37,7 +37,7 @@ class Step:
         return self.accepted.model.names[len(self.before.model.names) :]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
     """What stands at the end, all rounds, the held-out recordings with their starts, and for each
     effect by name every hypothesis that was fitted in its place beside the others, its own included."""

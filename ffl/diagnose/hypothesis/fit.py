@@ -29,7 +29,7 @@ PATIENCE = 32  # rounds at most on the way to a goal
 Key = tuple[str, str, int, tuple[str, int] | None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A hypothesis at its best point: whitened residual, its Jacobian, and the likelihood.
 

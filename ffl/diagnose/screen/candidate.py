@@ -12,7 +12,7 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """An effect at a place with starting values; `gain` is what it takes off the residual's sum of
     squares to first order with `freedom` coefficients, beside `like`, at the grid value `nonlinear`;

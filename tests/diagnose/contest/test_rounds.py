@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from ffl.diagnose.contest import rounds
+from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome, Step
 
 
@@ -32,3 +33,14 @@ def test_whoever_was_tried_is_who_came_in_and_then_the_likeliest_of_the_others()
     steps = [Step(low, (), (low, came), came), Step(came, (), (high,), None, turned_down=left)]
     found = Outcome(came, steps, None, {}).tried
     assert [one.name for one in found] == ["came", "left", "high", "low", "came"]
+
+
+def test_rounds_are_told_apart_by_which_they_are(stage, record, scenes):
+    """What is fitted has arrays, which say nothing whole of being alike: a round that was looked up among
+    others ended a diagnosis. (Development case 7415/0049, a guide that warms up.)"""
+    scene, held, model = scenes(record(stage))
+    nothing = judge(scene, held, model, 1)
+    again = judge(scene, held, model, 1)
+    first, second = Step(nothing, (), (), None), Step(again, (), (), None)
+    assert [first, second].index(second) == 1
+    assert nothing != again
