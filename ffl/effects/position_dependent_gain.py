@@ -41,6 +41,11 @@ class PositionDependentGain(Effect):
     siblings = ("hardening_spring", "mass_change", "cogging")
     law = staticmethod(_law)
 
+    def order(self, values: Parameters) -> int:
+        """Last: it is the motor's, which turns what arrives of a command, late, cut or lagging, into force.
+        (With a lag of 7 ms behind it, as the two had been found, a delay was 60 of log-likelihood ahead.)"""
+        return 1
+
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         return [{"centre": motion.middle}]
 

@@ -96,3 +96,24 @@ def test_every_effect_has_an_oracle_here_or_in_the_files_beside():
     from cases import FLOW, PARAMETERS
 
     assert {*PARAMETERS, *FLOW} == set(EFFECTS)
+
+
+@pytest.mark.parametrize(
+    "late",
+    [
+        EffectSpec("actuator_lag", {"time_constant": 5e-4}),
+        EffectSpec("saturation", {"limit": 5.0}),
+        EffectSpec("dead_zone", {"half_width": 1.0}),
+    ],
+    ids=lambda spec: spec.name,
+)
+def test_a_motor_has_its_gain_after_what_becomes_of_the_command(late):
+    """Whichever is named first."""
+    gain = EffectSpec(
+        "position_dependent_gain",
+        {"linear_coefficient": 3.0, "quadratic_coefficient": -20.0, "centre": 0.0},
+    )
+    r = reference()
+    one, other = (SIMULATOR.run(order, r).y for order in ((gain, late), (late, gain)))
+    assert np.array_equal(one, other)
+    assert np.abs(one - SIMULATOR.run((late,), r).y).max() > 1e-6 * np.abs(one).max()

@@ -90,9 +90,9 @@ def on_its_spring(
     quiet: Scene, held: Scene | None, current: Judged, say: Callable[[str], None]
 ) -> Judged | None:
     """`current`, a mass on a spring that nothing rubs, with mass and damping as the noise has them, held
-    there; None where these are no others. (Slow moves see neither: half of a mass gone beside a limit was
-    12 of log-likelihood, and 1,864 of the noise, which rang 41 % higher; without it the noise was twice as
-    loud as the machine's.)"""
+    there; None where these are no others, or recordings that judge speak against them. (Slow moves see
+    neither: half of a mass gone beside a limit was 12 of log-likelihood, and 1,864 of the noise, which rang
+    41 % higher; without it the noise was twice as loud as the machine's.)"""
     model, scene = current.model, current.scene
     names = [n for n in ("mass", "damping") if _free(model, n)]
     bound = _free(model, "stiffness") and not model.base.is_process
@@ -116,16 +116,13 @@ def on_its_spring(
     gained = _in_own_noise(scene, other, residuals) - _in_own_noise(scene, model, residuals)
     told = ", ".join(f"{n} {moved.get(n, 0.0):+.3g}" for n in names)
     say(f"  {told} as the noise rings: {gained:+.1f}")
-    if gained < CLEARLY or (held is not None and not _held_up(held.like(scene), model, other)):
+    if held is not None:
+        left = raw_residuals(held := held.like(scene), model)
+        gained += min(_in_own_noise(held, other, left) - _in_own_noise(held, model, left), 0.0)
+    if gained < CLEARLY:
         return None
     other = replace(other, held=model.held | frozenset(names))
     return judge(replace(scene, loop=loop_of(other)), held, other, 10)
-
-
-def _held_up(held: Scene, model: Model, other: Model) -> bool:
-    """Whether what `model` leaves of the judging recordings is likelier as noise in the loop of `other`."""
-    left = raw_residuals(held, model)
-    return _in_own_noise(held, other, left) > _in_own_noise(held, model, left)
 
 
 def _masses(model: Model) -> list[Model]:

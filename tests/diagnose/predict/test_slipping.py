@@ -22,6 +22,7 @@ from ffl.diagnose.predict import dry_in_noise
 from ffl.diagnose.predict.clipped import _beyond
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.foretold import of_others, refitted
+from ffl.diagnose.predict.loose_head import finer
 from ffl.diagnose.predict.slipping import FORMS, Slip, ease, levels
 from ffl.diagnose.recorded.trials import prepare
 from ffl.recordings import read_recording
@@ -389,3 +390,8 @@ def test_a_step_is_as_fine_as_the_likelihood_asks(tmp_path):
     assert found[2] == pytest.approx(1.0, abs=0.1)
     assert abs(found[2] - 1.0) < abs(found[1] - 1.0)
     assert fine.worth(trials) > coarse.worth(trials) + 1000.0
+    best = finer(coarse, tuple(trials))  # as a play beside friction is held against none
+    assert best.parts == 2
+    assert best.worth(trials) >= fine.worth(trials) - 1.0
+    none = Slip(Model(base), told)
+    assert finer(none, tuple(trials)) is none
