@@ -43,7 +43,8 @@ class PositionDependentGain(Effect):
 
     def order(self, values: Parameters) -> int:
         """Last: it is the motor's, which turns what arrives of a command, late, cut or lagging, into force.
-        (With a lag of 7 ms behind it, as the two had been found, a delay was 60 of log-likelihood ahead.)"""
+        (With a lag of 7 ms behind it, as the two had been found, a delay was 60 of log-likelihood
+        ahead.)"""
         return 1
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:

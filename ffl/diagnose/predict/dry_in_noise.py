@@ -29,7 +29,7 @@ from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.foretold import FIRST, best_of, of_others, refitted
 from ffl.diagnose.predict.play import GLANCE, LOOK, shortened
-from ffl.diagnose.predict.slipping import FORMS, LINEAR, PARTS, Slip
+from ffl.diagnose.predict.slipping import FORMS, LINEAR, PARTS, Slip, finer
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -196,7 +196,8 @@ def _as_stated(best: Judged, scene: Scene, held: Scene, noises: Sequence[Noise])
     model = replace(best.model, corrections=corrections, held=best.model.held | beyond)
     ways = _ways(model, {best.scene.noise, *noises})
     tried = [refitted(way, scene.trials) for way in ways]
-    return _judged(max(tried, key=lambda one: one.scaled(scene.trials)[0]), scene, held)
+    likeliest = max(tried, key=lambda one: one.scaled(scene.trials)[0])
+    return _judged(finer(likeliest, scene.trials), scene, held)
 
 
 def _company(model: Model) -> tuple[EffectSpec, ...] | None:
@@ -277,7 +278,7 @@ def _forms(
         for model in begun for place in places_of(told) for size in LEVELS
         for way in _ways(_with(model, "coulomb_friction", place.options, level=force * size), noises)
     ]  # fmt: skip
-    plain = refitted(max(levels, key=lambda h: h.worth(glimpse)), trials)
+    plain = finer(refitted(max(levels, key=lambda h: h.worth(glimpse)), trials), trials)
     bare = plain.model.without(len(told.effects))
     without = [Slip(m, noise) for m in (*begun, bare) for noise in {plain.noise, *noises}]
     none = best_of(sorted(without, key=lambda h: -h.worth(short))[:LIKELIEST], trials, short)

@@ -39,7 +39,7 @@ from ffl.diagnose.predict.moving import bracketed, doubted, gap_at, moved, vague
 from ffl.diagnose.predict.plain_spring import untightened
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
 from ffl.diagnose.predict.rattling import BELIEVED, CLEAR, crossed, followed, massless, unexplained
-from ffl.diagnose.predict.slipping import FORMS, LINEAR, PARTS, Slip
+from ffl.diagnose.predict.slipping import FORMS, LINEAR, Slip, finer
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 
@@ -242,19 +242,11 @@ def claimed(found: Slip, scene: Scene) -> Slip:
 
 
 def closed(found: Slip, trials: tuple[Trial, ...]) -> Slip:
-    """The same company without the play, all else fitted again."""
+    """The same company without the play, all else fitted again. (What a friction in proportion to the load
+    did within samples of 2 ms was a play of 0.17 um beside a table: 2,600 ahead of the table by steps of a
+    sample, 970 behind it by halves of one.)"""
     bare = replace(found, model=replace(found.model, effects=found.model.effects[:-1]))
     return finer(refitted(bare, trials), trials)
-
-
-def finer(found: Slip, trials: tuple[Trial, ...]) -> Slip:
-    """`found`, or with its dry friction in parts of a sample, all else fitted again, where that is
-    likelier. (What a friction in proportion to the load did within samples of 2 ms was a play of 0.17 um beside a
-    table: 2,600 ahead of the table by steps of a sample, 970 behind it by halves of one.)"""
-    if not set(found.model.names) & set(FORMS):
-        return found
-    others = [refitted(replace(found, parts=n), trials) for n in PARTS if n != found.parts]
-    return max((found, *others), key=lambda h: h.worth(trials))
 
 
 def _with_gap(model: Model, gap: float, noise: Noise) -> Slip:

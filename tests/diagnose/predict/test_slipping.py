@@ -22,8 +22,7 @@ from ffl.diagnose.predict import dry_in_noise
 from ffl.diagnose.predict.clipped import _beyond
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.foretold import of_others, refitted
-from ffl.diagnose.predict.loose_head import finer
-from ffl.diagnose.predict.slipping import FORMS, Slip, ease, levels
+from ffl.diagnose.predict.slipping import FORMS, Slip, ease, finer, levels
 from ffl.diagnose.recorded.trials import prepare
 from ffl.recordings import read_recording
 from ffl.systems import EffectSpec, load_plant
