@@ -32,7 +32,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.foretold import refitted
-from ffl.diagnose.predict.slipping import PARTS, Slip
+from ffl.diagnose.predict.slipping import PARTS, Slip, finer
 from ffl.diagnose.recorded.trials import prepare
 from ffl.report.page import COLOURS, drawing, png_bytes, subplots
 from ffl.systems import EffectSpec
@@ -75,9 +75,8 @@ def one(machine: str, seed: int, loud: float) -> dict[str, float]:
     )
     free, bare = judge(scene, None, none.with_effect(begun), 12), judge(scene, None, none, 12)
     ways = [Slip(none.with_effect(begun), noise, parts) for parts in PARTS]
-    told = max(
-        (refitted(way, scene.trials) for way in ways), key=lambda way: way.worth(scene.trials)
-    )
+    found = [refitted(way, scene.trials) for way in ways]
+    told = finer(max(found, key=lambda way: way.worth(scene.trials)), scene.trials)
     plain = refitted(Slip(none, noise), scene.trials)
     return {
         "loudness": loud,
