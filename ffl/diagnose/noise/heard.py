@@ -95,11 +95,11 @@ def on_its_spring(
     41 % higher; without it the noise was twice as loud as the machine's.)"""
     model, scene = current.model, current.scene
     names = [n for n in ("mass", "damping") if _free(model, n)]
-    bound = _free(model, "stiffness") and not model.base.is_process
-    plain = scene.plain or scene.observed or current.predicted or current.fit.far
-    if not (bound and names) or plain or RUBS & set(model.names):
+    plant, bound = model.base.plant, _free(model, "stiffness") and not model.base.is_process
+    if plant.controller is not None or not plant.machine.states_noise or not (bound and names):
         return None
-    if model.base.plant.controller is not None:
+    plain = scene.plain or scene.observed or current.predicted or current.fit.far
+    if plain or RUBS & set(model.names):
         return None
     residuals, moved, best = raw_residuals(scene, model), dict(model.corrections), model
     if names[0] == "mass":
@@ -114,11 +114,11 @@ def on_its_spring(
         moved |= found or {n: float(best.corrections.get(n, 0.0)) for n in names}
     other = replace(model, corrections=moved)
     gained = _in_own_noise(scene, other, residuals) - _in_own_noise(scene, model, residuals)
-    told = ", ".join(f"{n} {moved.get(n, 0.0):+.3g}" for n in names)
-    say(f"  {told} as the noise rings: {gained:+.1f}")
     if held is not None:
         left = raw_residuals(held := held.like(scene), model)
         gained += min(_in_own_noise(held, other, left) - _in_own_noise(held, model, left), 0.0)
+    told = ", ".join(f"{n} {moved.get(n, 0.0):+.3g}" for n in names)
+    say(f"  {told} as the noise rings: {gained:+.1f}")
     if gained < CLEARLY:
         return None
     other = replace(other, held=model.held | frozenset(names))
