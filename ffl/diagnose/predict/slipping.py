@@ -343,17 +343,26 @@ class Slip(Foretold):
 
 
 def finer(found: Slip, trials: Sequence[Trial]) -> Slip:
-    """`found` with its dry friction in finer parts of a sample, all else fitted again, as long as these are
-    likelier and leave clearly less noise. (Stribeck friction in noise of 1 % of it: by halves of a sample
-    0.0034 m/s for 0.0025, by eighths 0.0028, the noise 0.83 times as loud. In noise as loud as the friction
-    quarters were 150 likelier than halves, left as much, and had 0.86 of its level for 0.92.)"""
+    """`found` with its dry friction in as many parts of a sample as leave clearly less noise than half as
+    many do, and are likelier, all else fitted again. (Stribeck friction in noise of 1 % of it: by halves
+    of a sample 0.0034 m/s for 0.0025, by eighths 0.0028, the noise 0.83 times as loud. In noise as loud as the
+    friction quarters were 150 likelier than halves, left as much, and had 0.86 of its level for 0.92.)"""
     if not set(found.model.names) & set(FORMS):
         return found
-    worth, left = found.worth(trials), found.scaled(trials)[1]
+    while found.parts > 1:
+        coarser = refitted(replace(found, parts=found.parts // 2), trials)
+        if _quieter(found, coarser, trials):
+            break
+        found = coarser
     while found.parts < FINEST:
         other = refitted(replace(found, parts=2 * found.parts), trials)
-        now, other_left = other.worth(trials), other.scaled(trials)[1]
-        if now <= worth or other_left > QUIETER * left:
+        if not _quieter(other, found, trials):
             break
-        found, worth, left = other, now, other_left
+        found = other
     return found
+
+
+def _quieter(found: Slip, other: Slip, trials: Sequence[Trial]) -> bool:
+    """Whether `found` leaves clearly less noise than `other`, and is the likelier."""
+    less = found.scaled(trials)[1] < QUIETER * other.scaled(trials)[1]
+    return less and found.worth(trials) > other.worth(trials)
