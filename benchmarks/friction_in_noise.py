@@ -29,6 +29,7 @@ from ffl.challenge.make import NullCase
 from ffl.challenge.stage import Part, assemble, run
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.contest.settle import level_of
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.foretold import refitted
@@ -38,6 +39,7 @@ from ffl.report.page import COLOURS, drawing, png_bytes, subplots
 from ffl.systems import EffectSpec
 from ffl.systems.atomic import write_bytes
 
+NEAR = (0.25, 1.0, 3.0)  # times the level that free runs begin with: where the filter begins
 LOUDNESS = (0.03, 0.1, 0.3, 1.0, 3.0)  # RMS force noise over the friction's level
 
 
@@ -74,7 +76,10 @@ def one(machine: str, seed: int, loud: float) -> dict[str, float]:
         "coulomb_friction", {"level": 0.2 * float(rms) * base.simulator.force_per_input}
     )
     free, bare = judge(scene, None, none.with_effect(begun), 12), judge(scene, None, none, 12)
-    ways = [Slip(none.with_effect(begun), noise, parts) for parts in PARTS]
+    starts = [
+        none.with_effect(replace(begun, parameters={"level": n * level_of(begun)})) for n in NEAR
+    ]
+    ways = [Slip(start, noise, parts) for start in starts for parts in PARTS]
     found = [refitted(way, scene.trials) for way in ways]
     told = finer(max(found, key=lambda way: way.worth(scene.trials)), scene.trials)
     plain = refitted(Slip(none, noise), scene.trials)
