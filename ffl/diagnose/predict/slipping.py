@@ -346,7 +346,8 @@ def finer(found: Slip, trials: Sequence[Trial]) -> Slip:
     """`found` with its dry friction in as many parts of a sample as leave clearly less noise than half as
     many do, and are likelier, all else fitted again. (Stribeck friction in noise of 1 % of it: by halves
     of a sample 0.0034 m/s for 0.0025, by eighths 0.0028, the noise 0.83 times as loud. In noise as loud as
-    the friction quarters were 150 likelier than halves, left as much, and had 0.86 of its level for 0.92.)"""
+    the friction quarters were 150 likelier than halves, left as much, and had 0.86 of its level for
+    0.92.)"""
     if not set(found.model.names) & set(FORMS):
         return found
     while found.parts > 1:
