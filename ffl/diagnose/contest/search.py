@@ -349,8 +349,7 @@ def _one_more(
     does)."""
     rivals = each(lambda first: judge(quiet, held, first.model, 6, first), begun)
     rivals += courses(quiet, held, base, rivals) + other_teeth(quiet, held, base, rivals)
-    free, kept = begun_as_stated(quiet, held, base, rivals)
-    rivals += free
+    rivals += begun_as_stated(quiet, held, base, rivals)
     for rival in rivals:
         side = rival.model.effects[-1].options.get("side", "sensor")
         say(
@@ -375,7 +374,8 @@ def _one_more(
     if not worthy and not base.model.effects and crosses(quiet, base):
         # What stands is no longer nominal: it claims an effect too, and must be the better one.
         worthy = claimants(quiet, held, base, rivals, threshold)
-    worthy = gaining(worthy or in_their_place(base, kept, threshold), base)
+    worthy = worthy or in_their_place(quiet, held, base, rivals, threshold)
+    worthy = gaining(worthy, base)
     return base, rivals, worthy[0] if worthy else None
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from ffl.diagnose.contest.judging import LEAST, Judged, judge, levelled
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.model import Model
 
 FAR = 3.0  # times what an engineer may be mistaken by: a damping 90 % off, a frequency 4.5 %
 SURE = 3.0  # standard errors
@@ -36,31 +37,21 @@ def far_off(judged: Judged) -> frozenset[str]:
 
 def begun_as_stated(
     quiet: Scene, held: Scene | None, base: Judged, rivals: Sequence[Judged]
-) -> tuple[list[Judged], list[Judged]]:
-    """The first `rivals` of `base` begun with its numbers far off as the model states them: (with these
-    free, with these held). None where much more than noise is left: there such numbers stand for what
-    nobody has said yet. (Hysteresis in noise on a stage with a spring brought 64 beside 14 times its
-    damping, and 520 from the stated one.)"""
-    names = frozenset() if base.fit.far else far_off(base)
-    if not names:
-        return [], []
-    first: dict[str, Judged] = {}
-    for rival in sorted(rivals, key=lambda j: -j.score):
-        first.setdefault(rival.name, rival)
-    free, kept = [], []
-    for rival in list(first.values())[:TRIED]:
-        corrections = {k: v for k, v in rival.model.corrections.items() if k not in names}
-        model = replace(rival.model, corrections=corrections)
-        free.append(judge(quiet, held, model, ROUNDS))
-        kept.append(judge(quiet, held, replace(model, unmoved=model.unmoved | names), ROUNDS))
-    return free, kept
+) -> list[Judged]:
+    """The first `rivals` of `base` begun with its numbers far off as the model states them. (Hysteresis in
+    noise on a stage with a spring brought 64 beside 14 times its damping, and 520 from the stated one.)"""
+    return [judge(quiet, held, model, ROUNDS) for model in _as_stated(base, rivals)[0]]
 
 
-def in_their_place(base: Judged, kept: Sequence[Judged], threshold: float) -> list[Judged]:
-    """Those of `kept` that say clearly more than `base`, best first: each an effect for the numbers of
-    `base` that it has as stated, so that it need not bring what one more effect must. (A lag of 2.9 ms
-    beside a limit was six times the damping and 99 behind.)"""
-    base, *kept = levelled([base, *kept])
+def in_their_place(
+    quiet: Scene, held: Scene | None, base: Judged, rivals: Sequence[Judged], threshold: float
+) -> list[Judged]:
+    """The first `rivals` of `base` with its numbers far off held where the model states them, those that
+    say clearly more than `base`, best first: each an effect for these numbers, so that it need not bring
+    what one more effect must. (A lag of 2.9 ms beside a limit was six times the damping and 99 behind.)"""
+    models, names = _as_stated(base, rivals)
+    held_there = [replace(model, unmoved=model.unmoved | names) for model in models]
+    base, *kept = levelled([base, *(judge(quiet, held, model, ROUNDS) for model in held_there)])
     ahead = [
         r
         for r in kept
@@ -68,6 +59,18 @@ def in_their_place(base: Judged, kept: Sequence[Judged], threshold: float) -> li
         if r.fitted > base.fitted + LEAST and r.held_out > base.held_out - LEAST / 2
     ]
     return sorted(ahead, key=lambda r: -r.score)
+
+
+def _as_stated(base: Judged, rivals: Sequence[Judged]) -> tuple[list[Model], frozenset[str]]:
+    """(The first `rivals` with the numbers of `base` that are far off as the model states them, one of a
+    name; these numbers). None where much more than noise is left: there such numbers stand for what nobody
+    has said yet."""
+    names = frozenset() if base.fit.far else far_off(base)
+    first: dict[str, Model] = {}
+    for rival in sorted(rivals, key=lambda j: -j.score) if names else ():
+        stated = {k: v for k, v in rival.model.corrections.items() if k not in names}
+        first.setdefault(rival.name, replace(rival.model, corrections=stated))
+    return list(first.values())[:TRIED], names
 
 
 def let_free(held: Scene | None, judged: Judged) -> Judged:

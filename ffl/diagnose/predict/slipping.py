@@ -350,12 +350,13 @@ def finer(found: Slip, trials: Sequence[Trial]) -> Slip:
     0.92.)"""
     if not set(found.model.names) & set(FORMS):
         return found
+    begun = found.parts
     while found.parts > 1:
         coarser = refitted(replace(found, parts=found.parts // 2), trials)
         if _quieter(found, coarser, trials):
             break
         found = coarser
-    while found.parts < FINEST:
+    while begun <= found.parts < FINEST:  # coarser than it began, the next finer is tried already
         other = refitted(replace(found, parts=2 * found.parts), trials)
         if not _quieter(other, found, trials):
             break

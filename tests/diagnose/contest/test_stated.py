@@ -76,22 +76,20 @@ def test_a_lag_in_the_place_of_a_damping_is_likelier(judged):
     nothing, held = judged(LAG)
     quiet = nothing.scene
     beside = judge(quiet, held, nothing.model.with_effect(LAG), 0)
-    free, kept = begun_as_stated(quiet, held, nothing, [beside])
-    assert [j.model.unmoved for j in (*free, *kept)] == [frozenset(), {"damping"}]
-    assert "damping" not in kept[0].model.corrections
-    assert [one.fit for one in in_their_place(nothing, kept, KEEP)] == [kept[0].fit]
-    assert in_their_place(kept[0], [nothing], KEEP) == []
+    (free,) = begun_as_stated(quiet, held, nothing, [beside])
+    assert not free.model.unmoved
+    (kept,) = in_their_place(quiet, held, nothing, [beside], KEEP)
+    assert kept.model.unmoved == {"damping"}
+    assert "damping" not in kept.model.corrections
+    worse = nothing.model.with_effect(EffectSpec("constant_load", {"force": 0.0}))
+    assert in_their_place(quiet, held, nothing, [judge(quiet, held, worse, 0)], KEEP) == []
 
 
 def test_it_is_free_again_beside_who_took_its_place(judged):
     nothing, held = judged(LAG)
-    kept = begun_as_stated(
-        nothing.scene,
-        held,
-        nothing,
-        [judge(nothing.scene, held, nothing.model.with_effect(LAG), 0)],
-    )[1]
-    free = let_free(held, kept[0])
+    beside = judge(nothing.scene, held, nothing.model.with_effect(LAG), 0)
+    (kept,) = in_their_place(nothing.scene, held, nothing, [beside], KEEP)
+    free = let_free(held, kept)
     assert not free.model.unmoved
     own = 2 * 0.05 * 2 * np.pi * 30.0
     assert abs(free.model.corrections["damping"]) < 0.5 * own
@@ -101,7 +99,8 @@ def test_it_is_free_again_beside_who_took_its_place(judged):
 def test_nobody_is_begun_otherwise_where_nothing_is_far_off(judged):
     nothing, held = judged()
     rival = judge(nothing.scene, held, nothing.model.with_effect(LAG), 0)
-    assert begun_as_stated(nothing.scene, held, nothing, [rival]) == ([], [])
+    assert begun_as_stated(nothing.scene, held, nothing, [rival]) == []
+    assert in_their_place(nothing.scene, held, nothing, [rival], KEEP) == []
 
 
 @pytest.mark.parametrize("effects", [(LIMIT, LAG), (LIMIT, DAMPER)], ids=["lag", "damper"])
