@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import UNTOLD, Judged, levelled, stays
+from ffl.diagnose.contest.earning import UNTOLD, stays
+from ffl.diagnose.contest.judging import Judged, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import jacobian
 

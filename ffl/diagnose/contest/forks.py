@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest, promise
+from ffl.diagnose.contest.earning import promise
+from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import CREEPING, DRY, KEEP

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.earning import earns
 from ffl.diagnose.contest.evenly import TIE, about_a_centre, beside_a_load, recentred
 from ffl.diagnose.contest.judging import (
     OPEN,
     Judged,
     credible,
-    earns,
     judge,
     levelled,
     likeliest,

@@ -16,19 +16,10 @@ from dataclasses import replace
 import numpy as np
 
 from ffl.diagnose.contest.curves import two_for_two
+from ffl.diagnose.contest.earning import UNTOLD, earns, gaining
 from ffl.diagnose.contest.forks import forks, within_the_travel
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
-from ffl.diagnose.contest.judging import (
-    UNTOLD,
-    Judged,
-    earns,
-    gaining,
-    granted,
-    judge,
-    levelled,
-    noise_error,
-    raw_error,
-)
+from ffl.diagnose.contest.judging import Judged, granted, judge, levelled, noise_error, raw_error
 from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import claimants, crosses
 from ffl.diagnose.contest.modes import mode_elsewhere

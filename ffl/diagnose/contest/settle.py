@@ -8,19 +8,16 @@ from dataclasses import replace
 from functools import partial
 
 from ffl.diagnose.contest.believed import stays_in_a_believed_model
+from ffl.diagnose.contest.earning import SHARE, earns, gaining, stays
 from ffl.diagnose.contest.evenly import of_its_mass
 from ffl.diagnose.contest.judging import (
     PER_NUMBER,
-    SHARE,
     Judged,
     between,
     credible,
-    earns,
-    gaining,
     judge,
     levelled,
     likeliest,
-    stays,
 )
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.rounds import Step

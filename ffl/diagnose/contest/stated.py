@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ffl.diagnose.contest.judging import LEAST, Judged, judge, levelled
+from ffl.diagnose.contest.earning import LEAST
+from ffl.diagnose.contest.judging import Judged, judge, levelled
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
 
 FAR = 3.0  # times what an engineer may be mistaken by: a damping 90 % off, a frequency 4.5 %
@@ -74,6 +76,10 @@ def _as_stated(base: Judged, rivals: Sequence[Judged]) -> tuple[list[Model], fro
 
 
 def let_free(held: Scene | None, judged: Judged) -> Judged:
-    """`judged` with the numbers free again that it has as stated for an effect in their place."""
-    free = replace(judged.model, unmoved=frozenset())
-    return judge(judged.scene, held, free, ROUNDS, judged.fit) if judged.model.unmoved else judged
+    """`judged` with the numbers free again that it has as stated for an effect in their place; not the one
+    that an effect of its kind stands for, which would trade against it."""
+    own = {name for name, effect in NAMES.items() if effect in judged.model.names}
+    free = replace(judged.model, unmoved=judged.model.unmoved & own)
+    if free.unmoved == judged.model.unmoved:
+        return judged
+    return judge(judged.scene, held, free, ROUNDS, judged.fit)

@@ -7,7 +7,9 @@ as it is (`noise.spread`), so that the question is asked where it has a point.
 
 from __future__ import annotations
 
-from ffl.diagnose.contest.judging import Judged, judge, stays
+from ffl.diagnose.contest.earning import stays
+from ffl.diagnose.contest.judging import Judged, judge
+from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.scene import Scene
 from ffl.effects import EFFECTS
 
@@ -29,7 +31,8 @@ def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
         asked = [i for i in asked if current.model.names[i] not in current.model.proven]
         for index in asked:
             bare = judge(current.scene, held, current.model.without(index), ROUNDS, current.fit)
-            if not stays(current, bare, 0.0):
+            gone = not stays(current, bare, 0.0)
+            if gone and not crosses(bare.scene, bare):  # else the model's own number is that effect
                 current = bare
                 break
         else:

@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import SHARE, Judged, judge, raw_residuals
+from ffl.diagnose.contest.earning import SHARE
+from ffl.diagnose.contest.judging import Judged, judge, raw_residuals
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import point_of

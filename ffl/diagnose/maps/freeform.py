@@ -12,16 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import (
-    CLEANER,
-    HALF,
-    LOST,
-    PASSES,
-    QUIET,
-    UNTOLD,
-    effective,
-    promised,
-)
+from ffl.diagnose.contest.earning import HALF, LOST, UNTOLD, promised
+from ffl.diagnose.contest.judging import CLEANER, PASSES, QUIET, effective
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import OPEN, promised
+from ffl.diagnose.contest.earning import promised
+from ffl.diagnose.contest.judging import OPEN
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import LINE, sizes
 from ffl.diagnose.hypothesis.model import Model

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import LOST, noise_error
+from ffl.diagnose.contest.earning import LOST
+from ffl.diagnose.contest.judging import noise_error
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.maps.freemodel import FreeModel
 from ffl.systems.state_space import Array

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
-from ffl.diagnose.contest.judging import BOTH, LOST, UNTOLD
+from ffl.diagnose.contest.earning import BOTH, LOST, UNTOLD
 from ffl.diagnose.contest.scene import Scene, is_far
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.fit import Fit, fit

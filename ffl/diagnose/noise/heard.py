@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.optimize
 
-from ffl.diagnose.contest.judging import LEAST, Judged, judge, raw_error, raw_residuals
+from ffl.diagnose.contest.earning import LEAST
+from ffl.diagnose.contest.judging import Judged, judge, raw_error, raw_residuals
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.fit import fit, surprise

@@ -18,14 +18,8 @@ from dataclasses import replace
 import numpy as np
 import scipy.ndimage
 
-from ffl.diagnose.contest.judging import (
-    QUIET,
-    Judged,
-    borne_out,
-    mean_square,
-    raw_error,
-    raw_residuals,
-)
+from ffl.diagnose.contest.earning import borne_out
+from ffl.diagnose.contest.judging import QUIET, Judged, mean_square, raw_error, raw_residuals
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.span import orthonormal

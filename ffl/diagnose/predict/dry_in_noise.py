@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import SHARE, Judged, credible
+from ffl.diagnose.contest.earning import SHARE
+from ffl.diagnose.contest.judging import Judged, credible
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.plainest import BY_DIRECTION, CONTACT, in_the_mean, unseen
 from ffl.diagnose.contest.rounds import Outcome, Step

@@ -46,7 +46,9 @@ def parts(found: Diagnosis) -> bool:
     judged = found.judged
     if judged is None or judged.held is None:
         return False
-    if found.verdict not in UNSETTLED and not _drawn_astray(found.proof):
+    led = found.nameless is not None and found.nameless.led
+    unnamed = found.verdict == "unnamed" and (led or _drawn_astray(found.proof))
+    if found.verdict not in UNSETTLED and not unnamed:
         return False
     scene, base = judged.scene, judged.model.base
     if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
@@ -56,9 +58,12 @@ def parts(found: Diagnosis) -> bool:
 
 
 def _drawn_astray(proof: Proof | None) -> bool:
-    """Maps were named for want of a better one, and free runs of them go their own way."""
-    if proof is None or proof.nrmse_with_map is None:
+    """Maps were named for want of a better one, and free runs of them go their own way; or nothing was
+    found to vary with what is left, which comes in bursts: one machine lets go here, another there."""
+    if proof is None:
         return False
+    if proof.nrmse_with_map is None:
+        return not proof.nrmse_after < proof.nrmse_before
     return proof.nrmse_with_map > ASTRAY * proof.noise_floor
 
 

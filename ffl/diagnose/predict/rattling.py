@@ -16,8 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.earning import SHARE
 from ffl.diagnose.contest.evenly import of_no_mass
-from ffl.diagnose.contest.judging import SHARE, Judged
+from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import SURE
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene

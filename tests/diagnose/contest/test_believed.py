@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest.believed import stays_in_a_believed_model
-from ffl.diagnose.contest.judging import judge, levelled, stays
+from ffl.diagnose.contest.earning import stays
+from ffl.diagnose.contest.judging import judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise

@@ -6,15 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest import judging
-from ffl.diagnose.contest.judging import (
-    Judged,
-    borne_out,
-    earns,
-    effective,
-    judge,
-    noise_error,
-)
+from ffl.diagnose.contest import earning, judging
+from ffl.diagnose.contest.earning import borne_out, earns
+from ffl.diagnose.contest.judging import Judged, effective, judge, noise_error
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.maps import unnamed
@@ -86,7 +80,7 @@ def _changed(promised: float, shown: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("shown", "earned"), [(0.0, False), (0.05, False), (0.15, True)])
 def test_what_would_show_where_it_is_judged_must_show_there(monkeypatch, shown, earned):
     """A further effect changes what is left there by 77 nats: a tenth of them at least it must gain."""
-    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    monkeypatch.setattr(earning, "credible", lambda judged: True)
     before, after = _changed(PROMISED, shown)
     assert earns(_judged(after, FITTED, Further), _judged(before, 0.0, Further), 0.0) is earned
 
@@ -98,8 +92,21 @@ def test_what_can_hardly_show_where_it_is_judged_must_be_clear_or_do_what_it_can
     monkeypatch, fitted, shown, earned
 ):
     """A further effect changes what is left there by 10 nats, of the 16 that one that shows must bring."""
-    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    monkeypatch.setattr(earning, "credible", lambda judged: True)
     before, after = _changed(10.0, shown)
+    assert earns(_judged(after, fitted, Further), _judged(before, 0.0, Further), 0.0) is earned
+
+
+@pytest.mark.parametrize(
+    ("fitted", "shown", "earned"), [(169.0, 0.12, True), (169.0, 0.05, False), (90.0, 0.12, False)]
+)
+def test_what_is_clear_where_it_is_fitted_need_not_bring_all_that_is_asked_elsewhere(
+    monkeypatch, fitted, shown, earned
+):
+    """A further effect that brings more than any imperfection of the first shows a little elsewhere, 12 of
+    the 100 that it changes there, and 16 would be asked of another."""
+    monkeypatch.setattr(earning, "credible", lambda judged: True)
+    before, after = _changed(100.0, shown)
     assert earns(_judged(after, fitted, Further), _judged(before, 0.0, Further), 0.0) is earned
 
 
@@ -110,7 +117,7 @@ def test_what_the_fitted_recordings_hardly_excite_may_be_told_by_those_that_judg
     monkeypatch, promised, shown, earned
 ):
     """71 nats of the 80 that a further effect must bring: a quarter less, and most of what it promises."""
-    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    monkeypatch.setattr(earning, "credible", lambda judged: True)
     before, after = _changed(promised, shown)
     base, rival = _judged(before, 0.0, Further), _judged(after, 71.0, Further)
     base.fit.white = np.zeros(20_000)
@@ -120,7 +127,7 @@ def test_what_the_fitted_recordings_hardly_excite_may_be_told_by_those_that_judg
 @pytest.mark.parametrize(("independent", "earned"), [(5.0, True), (float(SAMPLES), False)])
 def test_little_that_judges_asks_for_little(monkeypatch, independent, earned):
     """0.5 of log-likelihood is much of 5 independent samples of a slow residual, and nothing of 4,000."""
-    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    monkeypatch.setattr(earning, "credible", lambda judged: True)
     kind = type("Slow", (Further,), {"independent": independent})
     before = np.random.default_rng(0).standard_normal(SAMPLES)
     after = before * np.exp(-0.5 / independent)
@@ -133,7 +140,7 @@ def test_what_slow_misfit_hides_where_it_is_judged_must_be_clear_where_it_is_fit
 ):
     """A change of 5 nats under a residual of 5 independent samples tells nothing, though the share of 5 is
     little: of a drive's encoder ripple, 1,469 fitted, the recording that judges lost 4 and was believed."""
-    monkeypatch.setattr(judging, "credible", lambda judged: True)
+    monkeypatch.setattr(earning, "credible", lambda judged: True)
     kind = type("Slow", (Further,), {"independent": 5.0})
     before, after = _changed(SAMPLES, 0.0)
     assert earns(_judged(after, fitted, kind), _judged(before, 0.0, kind), 0.0) is earned
@@ -176,3 +183,13 @@ def test_held_out_recordings_bear_out_what_they_gain_most_of(stage, record, scen
     rival = replace(base, held_white=white + (kept - 1.0) * effect)
     assert borne_out(rival, missing) is borne
     assert not borne_out(missing, missing)
+
+
+@pytest.mark.parametrize(("there", "gained"), [(True, True), (False, False)])
+def test_who_gains_half_of_what_can_show_gains_enough(stage, record, scenes, there, gained):
+    """Where the fitted recordings can show little of an effect no tenth of what others show is asked."""
+    load = EffectSpec("constant_load", {"force": 0.06})
+    scene, held, model = scenes(record(replace(stage, effects=(load,) if there else ())))
+    base = judge(scene, held, model, 1)
+    with_it = judge(scene, held, model.with_effect(load), 0)
+    assert earning._under_its_noise(with_it, base, 1e6) is gained

@@ -96,6 +96,14 @@ def test_it_is_free_again_beside_who_took_its_place(judged):
     assert let_free(held, free) is free
 
 
+def test_a_number_stays_as_stated_where_its_own_effect_stands_for_it(judged):
+    """Free beside a damper it would trade against it, and neither be told."""
+    nothing, held = judged(DAMPER)
+    model = replace(nothing.model.with_effect(DAMPER), unmoved=frozenset({"damping"}))
+    standing = judge(nothing.scene, held, model, 4)
+    assert let_free(held, standing) is standing
+
+
 def test_nobody_is_begun_otherwise_where_nothing_is_far_off(judged):
     nothing, held = judged()
     rival = judge(nothing.scene, held, nothing.model.with_effect(LAG), 0)

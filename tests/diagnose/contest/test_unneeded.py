@@ -8,6 +8,7 @@ import pytest
 
 from ffl.diagnose.contest import unneeded
 from ffl.diagnose.contest.judging import judge, levelled
+from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.unneeded import sureness, without_unneeded
 from ffl.systems.plant import EffectSpec
 
@@ -68,3 +69,15 @@ def test_levels_of_a_table_are_no_one_size(seen):
     spec = EffectSpec("position_dependent_friction", {"table": table, "level": 2.0})
     found = judge(scene, held, replace(model, effects=(spec, LOAD)), 4)
     assert sureness(found, 0) == float("inf")
+
+
+def test_what_the_models_own_number_would_say_beyond_the_line_stays(stage, scenes, record):
+    """A damper beside the model's own, free as well: without it that goes beyond the line, which is no
+    correction."""
+    damper = EffectSpec("viscous_friction", {"coefficient": 20.0})
+    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, damper))))
+    found = judge(scene, held, replace(model, effects=(FRICTION, damper)), 10)
+    bare = judge(scene, held, replace(model, effects=(FRICTION,)), 10)
+    assert crosses(bare.scene, bare)
+    assert sureness(found, 1) < unneeded.ASKED
+    assert without_unneeded(held, found) is found

@@ -119,6 +119,35 @@ def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
 
 
 @pytest.mark.parametrize(
+    ("verdict", "led_map", "after", "with_map", "asked"),
+    [
+        ("unnamed", False, 0.3, None, True),  # bursts: no map, no file
+        ("unnamed", False, 0.1, None, False),  # lost commands, which are taken out
+        ("unnamed", True, 0.3, 0.05, True),
+        ("unnamed", False, 0.3, 0.05, False),
+        ("unnamed", False, 0.3, 0.2, True),
+        ("nothing_missing", False, 0.3, None, False),
+    ],
+)
+def test_what_has_no_name_by_free_runs_that_part_is_looked_at_again(
+    spring, stuck, verdict, led_map, after, with_map, asked
+):
+    """Cogging holds a stage on a spring here or there: it burst, or had a map along the measured motion."""
+    one = judged(spring, stuck, ())
+    proof = SimpleNamespace(
+        nrmse_before=0.3, nrmse_after=after, nrmse_with_map=with_map, noise_floor=0.01
+    )
+    found = SimpleNamespace(
+        judged=replace(one, held=one.scene),
+        verdict=verdict,
+        nameless=SimpleNamespace(led=led_map),
+        proof=proof,
+        plant=spring,
+    )
+    assert parts(found) is asked
+
+
+@pytest.mark.parametrize(
     ("fitted", "held", "verdict", "wins"),
     [
         (40.0, 2000.0, "explained", True),
