@@ -69,6 +69,7 @@ DAMPERS = (0.03, 0.1, 0.2, 0.4)  # of the command: what a damper on one side of 
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
 ROUGH = 25.0  # log-likelihood by which moments of contact make it so
 BEHIND = 1000.0  # log-likelihood by which no play that is still to be fitted has been
+COMPANY = 0.5  # of what a gap brings: it may be behind by, as long as nobody else is beside it
 HELD = tuple(0.125 * k for k in range(1, 13))  # of the mean command: a load to begin with
 ZONES = tuple(0.125 * k for k in range(1, 9))  # of its width: a dead zone beside such a load
 LEAST = 4.0 * ROUGH  # that a constant force, or a mass beyond the line, must bring
@@ -116,11 +117,14 @@ def with_rattling(
     if behind(begun, scene, standing, BEHIND) or not brings(begun, scene):
         return outcome
     found = settled(begun, scene, levels)
-    if behind(found, scene, standing) or beyond_prediction(found, scene)[0] < PROMISES:
+    brought = beyond_prediction(found, scene)[0]
+    if brought < PROMISES or behind(found, scene, standing, COMPANY * brought):
         return outcome
     found = burdened(needed(found, scene.trials), scene)
     company = accompanied(found, scene, held.trials)
     scene = clocked(scene, company.trials)
+    if behind(company.found, scene, standing):
+        return outcome
     fewer = len(company.found.model.coordinates) < len(found.model.coordinates)
     behind_by = found.worth(scene.trials) - company.found.worth(scene.trials)
     if behind_by < (LEAST if fewer else 0.0):  # a plainer form need not foretell more

@@ -184,6 +184,23 @@ def test_a_gain_by_position_joins_a_play(plant):  # noqa: F811
     assert found.model.names == ("position_dependent_gain", "backlash")
 
 
+def test_a_ripple_of_the_encoder_joins_a_play(plant):  # noqa: F811
+    """Without it the gap is far from what it is."""
+    ripple = EffectSpec("encoder_ripple", {"amplitude": 3e-5, "period": 0.011, "phase": 2.0})
+    scene, model = scene_of(plant, recorded(plant, PLAY, ripple))
+    scene = replace(scene, noise=partly_coloured(NOISE))
+    begun, levels = started(scene, model, (), (), LOOSENESS, 2)
+    assert begun is not None
+    alone = settled(begun, scene, levels)
+    found = accompanied(alone, scene).found
+    assert found.model.names == ("encoder_ripple", "backlash")
+    assert found.worth(scene.trials) > alone.worth(scene.trials) + 1000.0
+    assert found.model.effects[0].parameters["amplitude"] == pytest.approx(3e-5, rel=0.1)
+    play = found.model.effects[1]
+    seen = play.parameters["gap"] / (1.0 + float(play.options["mass_ratio"]))
+    assert seen == pytest.approx(GAP / (1.0 + RATIO), rel=0.02)
+
+
 def test_a_damper_is_tried_on_either_side_of_a_play():
     """Where y is the motor's: to first order it is the whole machine's own damping."""
     a = np.exp(-2 * np.pi * 8.0 * STEP)

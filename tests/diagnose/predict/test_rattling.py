@@ -1,6 +1,7 @@
 """Play in a coupling where the loop rattles: no free run agrees with another, prediction does."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -399,7 +400,37 @@ def test_a_gap_that_brings_nothing_once_fitted_is_not_gone_on_with(
     assert goes_on(31.0, -999.0, 1.0)
     assert not goes_on(29.0, 0.0, 1.0)
     assert not goes_on(31.0, -1001.0, 1.0)  # far behind what stands before it is fitted
-    assert not goes_on(31.0, 0.0, -1.0)  # and behind it after that
+    assert goes_on(31.0, 0.0, -15.0)  # behind it by less than half of what the gap brings
+    assert not goes_on(31.0, 0.0, -16.0)
+
+
+def test_a_play_that_its_company_does_not_bring_ahead_is_not_gone_on_with(
+    stage, record, scenes, monkeypatch
+):
+    """Beside an encoder's ripple of 29 um a play of 0.5 mm was 791 behind coloured noise, and 4,909 ahead
+    with the ripple."""
+    scene, held, model = scenes(record(stage))
+    outcome = Outcome(judge(scene, held, model, 1), [], held, {})
+    company = SimpleNamespace(found="in company", trials=scene.trials)
+    ways = {
+        "unexplained": True,
+        "_mapped": False,
+        "started": ("a gap", (1.0,)),
+        "brings": True,
+        "settled": "fitted",
+        "beyond_prediction": [2056.0],
+        "needed": "fitted",
+        "burdened": "fitted",
+        "accompanied": company,
+    }
+    for name, value in ways.items():
+        monkeypatch.setattr(prediction, name, lambda *_, value=value: value)
+    ahead = {"a gap": -817.0, "fitted": -791.0, "in company": -1.0}
+    monkeypatch.setattr(prediction, "behind", lambda h, *by: ahead[h] < -sum(by[2:]))
+    assert prediction.with_rattling(scene, held, outcome, model, scene.noise) is outcome
+    ahead["in company"] = 4909.0
+    with pytest.raises(AttributeError):  # it is gone on with
+        prediction.with_rattling(scene, held, outcome, model, scene.noise)
 
 
 def test_a_play_is_begun_with_another_mass_where_no_derivative_leads(plant, worn, rattling):
