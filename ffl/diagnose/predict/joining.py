@@ -171,9 +171,10 @@ def exchanged(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     rivals: dict[str, Told] = {}
     for name, rival in company.rivals.items():
         names = found.model.names
-        other = next((s for s in rival.model.effects if s.name not in names), None)
-        if name not in names or other is None:
+        others = [s for s in rival.model.effects if s.name not in names]
+        if name not in names or not others:
             continue
+        other = others[-1]  # who joined last: who stood before may have left since
         tried = settled(in_place(found, name, other), trials)
         ahead = charged(tried, trials) - charged(found, trials)
         if ahead > lost_to(found, tried, company.judging):

@@ -129,11 +129,12 @@ def test_clocks_are_moved_to_where_a_hum_is_in_step(seen):
     assert in_step(right, late, 1) == late
 
 
-def test_who_foretells_better_in_anothers_place_takes_it(seen):
+@pytest.mark.parametrize("gone", [(), (HUM,)], ids=["", "beside one who has left since"])
+def test_who_foretells_better_in_anothers_place_takes_it(seen, gone):
     scene, _, model = seen(LATE, PLAY)
     lag = EffectSpec("actuator_lag", {"time_constant": 2.5e-3})
     begun = Slip(replace(model, effects=(lag, PLAY)), NOISE)
-    rival = replace(begun, model=replace(model, effects=(LATE, PLAY)))
+    rival = replace(begun, model=replace(model, effects=(*gone, LATE, PLAY)))
     company = Company(begun, scene.trials, {"actuator_lag": rival})
     after = exchanged(company, regapped)
     assert after.found.model.names == ("input_delay", "backlash")
