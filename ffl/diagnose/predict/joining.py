@@ -171,14 +171,15 @@ def exchanged(company: Company[Told], settled: Settled[Told]) -> Company[Told]:
     rivals: dict[str, Told] = {}
     for name, rival in company.rivals.items():
         names = found.model.names
+        # Who was tried, or who stood beside it then and has left since.
         others = [s for s in rival.model.effects if s.name not in names]
         if name not in names or not others:
             continue
-        other = others[-1]  # who joined last: who stood before may have left since
-        tried = settled(in_place(found, name, other), trials)
+        ways = [(settled(in_place(found, name, s), trials), s.name) for s in others]
+        tried, other = max(ways, key=lambda way: charged(way[0], trials))
         ahead = charged(tried, trials) - charged(found, trials)
         if ahead > lost_to(found, tried, company.judging):
-            found, rivals = tried, {other.name: found}
+            found, rivals = tried, {other: found}
         else:
             rivals[name] = tried
     return replace(company, found=found, rivals=rivals)

@@ -89,6 +89,7 @@ def test_the_answer_says_that_free_runs_part(spring, monkeypatch):  # type: igno
     monkeypatch.setattr(diagnosis, "THRESHOLD", np.inf)  # no name earns its place,
     monkeypatch.setattr(work, "MOST", 0)  # nor is one looked for,
     monkeypatch.setattr(unnamed, "measured", lambda *_: led)  # and this is what is seen
+    monkeypatch.setattr(diagnosis, "parts", lambda found: False)  # without an observer
     found = diagnose(spring, runs[:1], runs[1:])
     assert found.verdict == "unnamed"
     assert found.place.depends_on == ("velocity",)
