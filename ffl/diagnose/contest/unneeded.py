@@ -31,13 +31,17 @@ def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
         asked = [i for i in asked if current.model.names[i] not in current.model.proven]
         for index in asked:
             bare = judge(current.scene, held, current.model.without(index), ROUNDS, current.fit)
-            gone = not stays(current, bare, 0.0)
-            if gone and not crosses(bare.scene, bare):  # else the model's own number is that effect
+            if not stays(current, bare, 0.0) and not _comes_to_more(current, bare):
                 current = bare
                 break
         else:
             break
     return current
+
+
+def _comes_to_more(current: Judged, bare: Judged) -> bool:
+    """Whether who left is a number of the model beyond the line now: an effect by another name."""
+    return crosses(bare.scene, bare) and not crosses(current.scene, current)
 
 
 def sureness(judged: Judged, index: int) -> float:

@@ -46,9 +46,7 @@ def parts(found: Diagnosis) -> bool:
     judged = found.judged
     if judged is None or judged.held is None:
         return False
-    led = found.nameless is not None and found.nameless.led
-    unnamed = found.verdict == "unnamed" and (led or _drawn_astray(found.proof))
-    if found.verdict not in UNSETTLED and not unnamed:
+    if found.verdict not in UNSETTLED and not _astray(found):
         return False
     scene, base = judged.scene, judged.model.base
     if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
@@ -57,14 +55,15 @@ def parts(found: Diagnosis) -> bool:
     return known and found.plant.machine.states_noise and base.plant.system is found.plant.system
 
 
-def _drawn_astray(proof: Proof | None) -> bool:
-    """Maps were named for want of a better one, and free runs of them go their own way; or nothing was
-    found to vary with what is left, which comes in bursts: one machine lets go here, another there."""
-    if proof is None:
+def _astray(found: Diagnosis) -> bool:
+    """Maps were named for want of a better one, along the motion as measured or such that free runs of them
+    go their own way; or none was, and what is left comes in bursts: one lets go here, another there."""
+    proof, nameless = found.proof, found.nameless
+    if found.verdict != "unnamed" or proof is None or nameless is None:
         return False
     if proof.nrmse_with_map is None:
-        return not proof.nrmse_after < proof.nrmse_before
-    return proof.nrmse_with_map > ASTRAY * proof.noise_floor
+        return nameless.led or not proof.nrmse_after < proof.nrmse_before
+    return nameless.led or proof.nrmse_with_map > ASTRAY * proof.noise_floor
 
 
 def clearer(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:

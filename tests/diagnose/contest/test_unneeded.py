@@ -81,3 +81,11 @@ def test_what_the_models_own_number_would_say_beyond_the_line_stays(stage, scene
     assert crosses(bare.scene, bare)
     assert sureness(found, 1) < unneeded.ASKED
     assert without_unneeded(held, found) is found
+
+
+def test_a_number_beyond_the_line_already_keeps_nobody(seen, monkeypatch):
+    """Some stay a little beyond it, and are none of who leaves."""
+    scene, held, model = seen
+    found = judge(scene, held, replace(model, effects=(NOTHING, FRICTION, LOAD)), 10)
+    monkeypatch.setattr(unneeded, "crosses", lambda *_: True)
+    assert without_unneeded(held, found).model.names == (FRICTION.name, LOAD.name)

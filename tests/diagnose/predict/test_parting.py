@@ -132,7 +132,7 @@ def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
 def test_what_has_no_name_by_free_runs_that_part_is_looked_at_again(
     spring, stuck, verdict, led_map, after, with_map, asked
 ):
-    """Cogging holds a stage on a spring here or there: it burst, or had a map along the measured motion."""
+    """Cogging holds a stage on a spring here or there: bursts are left, or a map as measured."""
     one = judged(spring, stuck, ())
     proof = SimpleNamespace(
         nrmse_before=0.3, nrmse_after=after, nrmse_with_map=with_map, noise_floor=0.01
