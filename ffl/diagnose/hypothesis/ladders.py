@@ -163,7 +163,8 @@ def _measured_levels(scene: Scene, name: str) -> Array:
 
 def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
     """A limit of the command where first order has none to propose, in which it would swing: at the
-    share of the largest command that the simulation beside `like` sends which leaves least."""
+    share of the largest command that the simulation beside `like` sends which leaves least; `gain`: what
+    that takes off the sum of squares."""
     if LIMIT in known:
         return []
     largest = max(float(np.abs(like.model.simulate(t).u).max()) for t in scene.trials)
@@ -172,8 +173,9 @@ def _limits(scene: Scene, like: Fit, known: Collection[str]) -> list[Candidate]:
     specs = [EffectSpec(LIMIT, {"limit": float(level)}) for level in levels if level > 0.0]
     if not specs:
         return []
-    left = each(lambda spec: left_by(scene, basis, like.model.with_effect(spec)), specs)
-    return [Candidate(specs[int(np.argmin(left))], 0.0, 1, Place(EFFECTS[LIMIT].port), like)]
+    left = np.array(each(lambda spec: left_by(scene, basis, like.model.with_effect(spec)), specs))
+    gain = max(left_by(scene, basis, like.model) - float(left.min()), 0.0)
+    return [Candidate(specs[int(np.argmin(left))], gain, 1, Place(EFFECTS[LIMIT].port), like)]
 
 
 def _plays(scene: Scene, like: Fit, barred: Collection[str]) -> list[Candidate]:
@@ -203,15 +205,20 @@ def overlooked(
 ) -> list[Candidate]:
     """Effects of which a simulation on their `ladder` shows what no first order does (a limit that makes
     the loop swing): a start from which the sum of squares falls to a small part, where noise is as small a
-    part of it; a limit of the command, unless it is `taken`, also where first order proposes none. Where
-    nobody takes much off to first order, a play of any form that does, unless it is listed or taken."""
+    part of it; a limit of the command, unless it is `taken`, also where first order proposes none, and
+    where noise is a larger part if it takes more off than anyone listed does to first order. Where nobody
+    takes much off to first order, a play of any form that does, unless it is listed or taken."""
     names = {c.spec.name for c in listed}
-    little = max((c.gain for c in listed), default=0.0) < MUCH
-    out = _plays(quiet, like, names.union(taken)) if little else []
-    if FALLS * base.fit.cost < len(base.fit.white):
+    most = max((c.gain for c in listed), default=0.0)
+    out = _plays(quiet, like, names.union(taken)) if most < MUCH else []
+    noisy, least = FALLS * base.fit.cost < len(base.fit.white), max(most, TAKEN)
+    if noisy and base.fit.cost - len(base.fit.white) < least:
         return out
+    limits = _limits(quiet, like, {c.spec.name for c in fresh} | set(taken))
+    if noisy:
+        return out + [c for c in limits if c.gain > least]
     names.update(c.spec.name for c in out)
-    for c in [*fresh, *_limits(quiet, like, {c.spec.name for c in fresh} | set(taken))]:
+    for c in [*fresh, *limits]:
         if EFFECTS[c.spec.name].ladder and c.spec.name not in names:
             names.add(c.spec.name)
             least = FALLS * base.fit.cost

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from ffl.diagnose.contest import earning, judging
 from ffl.diagnose.contest.earning import borne_out, earns
@@ -193,3 +194,38 @@ def test_who_gains_half_of_what_can_show_gains_enough(stage, record, scenes, the
     base = judge(scene, held, model, 1)
     with_it = judge(scene, held, model.with_effect(load), 0)
     assert earning._under_its_noise(with_it, base, 1e6) is gained
+
+
+def _wandering(stage, limit, seed, samples=3000):  # type: ignore[no-untyped-def]
+    """A path behind an amplifier at its limit, which something unrecorded and slow moves as well."""
+    rng, n = np.random.default_rng(seed), np.arange(samples)
+    step = stage.sample_time
+    pole = np.exp(-2 * np.pi * 14.0 * step)
+    steps = 0.75 * limit * np.sqrt(1.0 - pole**2) * rng.standard_normal(samples)
+    slow = scipy.signal.lfilter([1.0], [1.0, -pole], steps)
+    lines = np.fft.rfftfreq(samples, step)
+    phases = np.exp(2j * np.pi * rng.random(len(lines)))
+    path = np.fft.irfft(
+        np.where((lines > 0.4) & (lines < 5.0), phases, 0.0) / (lines + 0.3), samples
+    )
+    path *= 0.004 / path.std() * np.clip((n - 5) / 300, 0.0, 1.0) ** 3
+    machine = replace(stage, effects=(EffectSpec("saturation", {"limit": limit}),))
+    run = SimulatedMachine(machine).run(path, slow, rng)
+    return replace(run, u=run.u - slow, f=np.zeros(samples))
+
+
+def test_slow_noise_does_not_speak_for_who_moves_less(stage, scenes, monkeypatch):
+    """Under white noise a smaller limit on a lighter machine leaves less of noise as large as the limit."""
+    limit = 0.2
+    scene, held, model = scenes([_wandering(stage, limit, seed) for seed in (1, 2)])
+    noise = Noise(1e-7, 0.75 * limit)
+    scene, held = replace(scene, noise=noise), replace(held, noise=noise)
+    built = model.with_effect(EffectSpec("saturation", {"limit": limit}))
+    found = judge(scene, held, built)
+    assert found.model.effects[0].parameters["limit"] == pytest.approx(limit, rel=0.05)
+    assert abs(found.model.corrections.get("mass", 0.0)) < 0.05
+    assert len(found.fit.white) == scene.samples
+    monkeypatch.setattr(judging, "_under_its_noise", lambda *_: None)
+    misled = judge(scene, held, built)
+    assert misled.model.effects[0].parameters["limit"] < 0.5 * limit
+    assert misled.fitted < found.fitted - judging.MISLED

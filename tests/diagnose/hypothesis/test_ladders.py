@@ -31,10 +31,10 @@ def test_a_limit_that_the_simulation_never_reaches_is_tried(stage, record, scene
     assert overlooked(scene, base, like, [], [], taken={"saturation", "backlash"}) == []
 
 
-@pytest.mark.parametrize(("times", "seen"), [(2.5, True), (1.8, False)])
+@pytest.mark.parametrize(("times", "seen"), [(2.5, True), (1.8, True), (1.005, False)])
 def test_a_limit_is_tried_wherever_noise_leaves_room_for_one(stage, record, scenes, times, seen):
     """Under noise that takes what is left for `times` its own size nothing is far, and first order is
-    as blind to it."""
+    as blind to it. Where noise is half of it a limit has to take more off than anyone listed."""
     machine = replace(stage, effects=(EffectSpec("saturation", {"limit": 1.3}),))
     scene, _, model = scenes(record(machine))
     cost = fit(scene, model, rounds=0).cost / scene.samples
@@ -43,6 +43,10 @@ def test_a_limit_is_tried_wherever_noise_leaves_room_for_one(stage, record, scen
     assert not like.far
     found = overlooked(loud, SimpleNamespace(fit=like), like, [], [], taken={"backlash"})
     assert [c.spec.name for c in found] == (["saturation"] if seen else [])
+    if times < 2.0 and seen:
+        (limit,) = found
+        more = [replace(limit, gain=limit.gain + 1.0)]
+        assert overlooked(loud, SimpleNamespace(fit=like), like, [], more, {"backlash"}) == []
 
 
 def test_a_part_that_knocks_is_tried_under_noise_as_loud_as_what_it_leaves(stage, record, scenes):
