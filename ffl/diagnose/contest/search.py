@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from ffl.diagnose.contest.settle import (
 )
 from ffl.diagnose.contest.shares import shares_off
 from ffl.diagnose.contest.stated import begun_as_stated, in_their_place
+from ffl.diagnose.contest.stead import in_their_stead
 from ffl.diagnose.contest.teeth import other_teeth
 from ffl.diagnose.contest.timing import begun_late
 from ffl.diagnose.contest.together import ENOUGH, HIDDEN, starts, together
@@ -93,6 +95,7 @@ def contest(
             return other
     outcome = _with_who_was_turned_down(outcome, threshold, most, say)
     ways = (
+        partial(in_their_stead, outcome.steps),
         on_its_spring,
         two_for_two,
         untabled,
