@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise, partly_coloured
 from ffl.diagnose.predict import rattling as prediction
 from ffl.diagnose.predict import switching
+from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import needed
 from ffl.diagnose.predict.moving import doubted, gap_at, masses
 from ffl.diagnose.predict.play import (
@@ -30,6 +31,7 @@ from ffl.diagnose.predict.rattling import (
     burdened,
     crossed,
     followed,
+    settling,
     unexplained,
 )
 from ffl.diagnose.recorded.trials import prepare
@@ -444,3 +446,21 @@ def test_a_play_is_begun_with_another_mass_where_no_derivative_leads(plant, worn
     found = of_another_mass(right.at(theta), scene.trials)
     assert abs(found.theta[k]) <= 0.025
     assert found.worth(scene.trials) > right.at(theta).worth(scene.trials) + 100.0
+
+
+@pytest.mark.parametrize("slow", [0.6, None])
+def test_a_force_that_settles_is_no_constant_one(rigid, slow):
+    """Seconds after the start they are the same."""
+    play = EffectSpec("backlash", {"gap": GAP}, LOAD)
+    load = EffectSpec("constant_load", {"force": 3.0})
+    drift = EffectSpec("drift", {"amplitude": 3.0, "time_constant": slow or 1.0})
+    built = drift if slow else load
+    scene, model = scene_of(rigid, records(replace(rigid, effects=(built, play))))
+    begun = Hypothesis(replace(model, effects=(load, play)), NOISE)
+    found, trials = settling(begun, scene.trials, scene.trials, refitted, False)
+    assert trials == scene.trials
+    assert found.model.names == (built.name, "backlash")
+    if slow:
+        (settled_by, _) = found.model.effects
+        assert settled_by.parameters["time_constant"] == pytest.approx(slow, rel=0.5)
+        assert settled_by.parameters["amplitude"] == pytest.approx(3.0, rel=0.05)
