@@ -119,12 +119,12 @@ def judge(
     own = scene.with_noise_of(residuals)
     fitted = own.likeliest(own.whiten(residuals))
     if first.surprise > surprise(model) + WANDERED:
-        other = _under_its_noise(scene, fitted_on, model, fitted, rounds)
+        other = _as_it_began(scene, fitted_on, model, fitted, rounds)
         first, own, fitted = other or (first, own, fitted)
     return Judged(first, own, fitted, *held_out(held, scene, first), held)
 
 
-def _under_its_noise(
+def _as_it_began(
     scene: Scene, fitted_on: Scene, model: Model, fitted: float, rounds: int
 ) -> tuple[Fit, Scene, float] | None:
     """(Fit, the scene with the noise it leaves, log-likelihood in that) of `model` under the coloured noise

@@ -225,7 +225,7 @@ def test_slow_noise_does_not_speak_for_who_moves_less(stage, scenes, monkeypatch
     assert found.model.effects[0].parameters["limit"] == pytest.approx(limit, rel=0.05)
     assert abs(found.model.corrections.get("mass", 0.0)) < 0.05
     assert len(found.fit.white) == scene.samples
-    monkeypatch.setattr(judging, "_under_its_noise", lambda *_: None)
+    monkeypatch.setattr(judging, "_as_it_began", lambda *_: None)
     misled = judge(scene, held, built)
     assert misled.model.effects[0].parameters["limit"] < 0.5 * limit
     assert misled.fitted < found.fitted - judging.MISLED
