@@ -115,13 +115,18 @@ def judge(
     # let slow physics go as noise, and its absence in the score would take noise for physics. Its size is
     # free: read from the calm stretches alone, less noise there spoke against who left less everywhere
     # (a gain that depends on position beside friction: 45,800 nats against the truth).
-    residuals = raw_residuals(scene, first.model)
-    own = scene.with_noise_of(residuals)
-    fitted = own.likeliest(own.whiten(residuals))
+    own, fitted = _by_its_noise(scene, first.model)
     if first.surprise > surprise(model) + WANDERED:
         other = _as_it_began(scene, fitted_on, model, fitted, rounds)
         first, own, fitted = other or (first, own, fitted)
     return Judged(first, own, fitted, *held_out(held, scene, first), held)
+
+
+def _by_its_noise(scene: Scene, model: Model) -> tuple[Scene, float]:
+    """(The scene with the noise that `model` leaves, log-likelihood in that)."""
+    residuals = raw_residuals(scene, model)
+    own = scene.with_noise_of(residuals)
+    return own, own.likeliest(own.whiten(residuals))
 
 
 def _as_it_began(
@@ -132,19 +137,12 @@ def _as_it_began(
     the least white noise slow noise speaks for whoever moves less. (A limit that half of the commands
     reached, in noise as large, began 351 ahead of nothing and ended 71 ahead, at a fifth of the limit
     and 69 % less mass.)"""
-    residuals = scene.residuals(model)
-    if residuals is None:
+    begun, likelihood = _by_its_noise(scene, model)
+    if not likelihood > fitted + MISLED:
         return None
-    own = scene.with_noise_of(residuals)
-    if not own.likeliest(own.whiten(residuals)) > fitted + MISLED:
-        return None
-    other = fit(own, model, rounds=rounds)
-    residuals = scene.residuals(other.model)
-    if residuals is None:
-        return None
-    own = scene.with_noise_of(residuals)
-    reached = own.likeliest(own.whiten(residuals))
-    return (fit(fitted_on, other.model, rounds=0), own, reached) if reached > fitted else None
+    there = fit(begun, model, rounds=rounds).model
+    own, reached = _by_its_noise(scene, there)
+    return (fit(fitted_on, there, rounds=0), own, reached) if reached > fitted else None
 
 
 def granted(base: Judged, rival: Judged, quiet: Scene) -> Judged:

@@ -211,12 +211,12 @@ def overlooked(
     names = {c.spec.name for c in listed}
     most = max((c.gain for c in listed), default=0.0)
     out = _plays(quiet, like, names.union(taken)) if most < MUCH else []
-    noisy, least = FALLS * base.fit.cost < len(base.fit.white), max(most, TAKEN)
-    if noisy and base.fit.cost - len(base.fit.white) < least:
+    noisy, wanted = FALLS * base.fit.cost < len(base.fit.white), max(most, TAKEN)
+    if noisy and base.fit.cost - len(base.fit.white) < wanted:
         return out
     limits = _limits(quiet, like, {c.spec.name for c in fresh} | set(taken))
     if noisy:
-        return out + [c for c in limits if c.gain > least]
+        return out + [c for c in limits if c.gain > wanted]
     names.update(c.spec.name for c in out)
     for c in [*fresh, *limits]:
         if EFFECTS[c.spec.name].ladder and c.spec.name not in names:
