@@ -54,6 +54,7 @@ CAMPAIGN_MISTAKES = {
     "a negative seed": (("seed = 3", "seed = -1"), "seed = -1"),
     "a name that is a path": (('name = "small"', 'name = "../small"'), "name = '../small'"),
     "two runs of one name": (('name = "fir"', 'name = "derivatives"'), "used twice"),
+    "two runs of one file": (('name = "fir"', 'name = "Derivatives"'), "in whatever case"),
     "an unknown reference": (('kind = "moves"', 'kind = "jumps"'), "reference"),
     "a move before rest": (("start = 0.05", "start = 0.0"), "must be at rest"),
     "a move without speed": (("velocity = 0.4", "velocity = 0.0"), "velocity = 0.0"),
@@ -107,6 +108,8 @@ PLANT_MISTAKES = {
     "a pole without its conjugate": (("[1.0, 1.0]", "[1.0, [0.9, 0.1]]"), "without its conjugate"),
     "an unstable machine without controller": (("poles = [1.0, 1.0]", "poles = [1.2, 1.0]"),
                                                "unstable"),
+    "a delay without end": (("gain = 5e-08", "gain = 5e-08\ndelay = 100000"), "plant.delay = 100000"),
+    "a number in quotes": (("gain = 5e-08", 'gain = "5e-08"'), "plant.gain"),
     "a typo": (("sample_time", "sampletime"), "did you mean 'sample_time'"),
     "no gain": (("gain = 5e-08", ""), "'plant.gain' is missing"),
     "a negative noise": (("force_noise = 0.01", "force_noise = -1"), "machine.force_noise = -1"),
@@ -385,6 +388,10 @@ def test_identify_writes_its_answer(method, stage_recording, tmp_path, capfd):
     answer = json.loads(capfd.readouterr().out)
     assert answer == json.loads((out / "answer.json").read_text())
     assert answer["method"] == method
+    idle = ["--order"] if method == "least_squares" else ["--n-ac", "--n-c"]
+    assert [n for n in answer["notes"] if "no use" in n] == [
+        f"{method} makes no use of {option}" for option in idle
+    ]
     assert "<figure>" in (out / "report.html").read_text()
     if method == "linear":
         plant, true = load_plant(out / "plant.toml"), load_plant(tmp_path / "machine.toml")
@@ -429,3 +436,18 @@ def test_diagnose_refuses_in_one_line(stage_recording, refuse, tmp_path):
     validate = ("--validate", "none.csv")
     refuse("diagnose", "--model", model, stage_recording, *validate, says="no such file")
     refuse("diagnose", "--model", model, stage_recording, "--out", model, says="is a file")
+
+
+def test_a_report_of_another_command_is_kept(stage_recording, refuse, tmp_path, capfd):
+    """A second answer of the same kind takes its place; a learning run's report stays."""
+    out = tmp_path / "found"
+    identify = ["identify", "least_squares", "--data", str(stage_recording), "--out"]
+    for _ in range(2):
+        assert execute([*identify, str(out), "--n-ac", "3", "--n-c", "3"]) == 0
+    capfd.readouterr()
+    (out / "answer.json").unlink()
+    page = (out / "report.html").read_text()
+    refuse(*identify, out, says="holds the report of another command; give another --out")
+    model = tmp_path / "model.toml"
+    refuse("diagnose", "--model", model, stage_recording, "--out", out, says="another command")
+    assert (out / "report.html").read_text() == page

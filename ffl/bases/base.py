@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffl.systems.state_space import Array, ComplexArray
+
+UNSTATED = 1.0  # sample time of a basis that was given none: its seconds are samples
 
 
 class Basis(ABC):
@@ -18,6 +21,7 @@ class Basis(ABC):
     """
 
     sample_time: float
+    in_samples: ClassVar[bool] = False  # it needs no sample time but for its frequency response
 
     @property
     @abstractmethod

@@ -15,6 +15,8 @@ from ffl.systems.state_space import Array, ComplexArray
 class Combination(Basis):
     """psi(r) = `basis`(r) theta: one parameter, the gain, that the trials learn."""
 
+    in_samples = True  # its own basis is asked
+
     def __init__(self, basis: Basis, theta: Sequence[float], sample_time: float = 1.0) -> None:
         self.basis, self.theta = basis, np.asarray(theta, float)
         if self.theta.shape != (basis.n_parameters,) or not np.all(np.isfinite(self.theta)):

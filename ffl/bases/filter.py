@@ -19,6 +19,8 @@ class Filter(Basis):
     both into basis.toml (2018 kernel paper, (1)). Cost O(N log n) for n taps.
     """
 
+    in_samples = True
+
     def __init__(self, taps: Sequence[float], first: int = 0, sample_time: float = 1.0) -> None:
         self.taps = np.asarray(taps, float)
         if self.taps.ndim != 1 or not self.taps.size or not np.all(np.isfinite(self.taps)):

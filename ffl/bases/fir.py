@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffl.bases.arguments import check_size
+from ffl.bases.arguments import check_arguments, check_size
 from ffl.bases.base import Basis
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, ComplexArray
@@ -17,6 +17,8 @@ class FIR(Basis):
     `delays` places the taps freely instead: any whole numbers of samples, negative ones ahead.
     """
 
+    in_samples = True
+
     def __init__(
         self,
         preview: int = 0,
@@ -24,6 +26,7 @@ class FIR(Basis):
         delays: list[int] | None = None,
         sample_time: float = 1.0,
     ) -> None:
+        check_arguments(type(self), {"preview": preview, "lag": lag}, "fir")
         if delays is None:
             if preview < 0 or lag < 0:
                 raise InputError(f"fir: preview = {preview}, lag = {lag} must not be negative")
@@ -31,7 +34,7 @@ class FIR(Basis):
             delays = list(range(-preview, lag + 1))
         elif preview or lag:
             raise InputError("fir: give either 'delays' or 'preview' and 'lag', not both")
-        if not delays or len(set(delays)) != len(delays):
+        if not delays or len(set(delays)) != len(delays) or any(int(k) != k for k in delays):
             raise InputError(
                 f"fir: delays = {delays} must be different whole numbers, at least one"
             )

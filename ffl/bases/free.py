@@ -16,6 +16,8 @@ class FreeSignal(Basis):
     What it learns belongs to one reference and does not carry over to another.
     """
 
+    in_samples = True
+
     def __init__(self, sample_time: float = 1.0) -> None:
         self.sample_time = float(sample_time)
 

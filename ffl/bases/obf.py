@@ -62,6 +62,8 @@ class OBF(Basis):
     Source: 2018 printer paper, equations (6), (7); section III-C.
     """
 
+    in_samples = True
+
     def __init__(
         self,
         poles: Sequence[complex] | ComplexArray,

@@ -146,8 +146,10 @@ def load_campaign(path: str | os.PathLike[str], seed: int | None = None) -> Camp
         diagnosis = (fit, held_out)
     names = [run.name for run in form.runs]
     for index, name in enumerate(names):
-        if name in names[:index]:
-            raise InputError(f"{path}: runs[{index}].name = '{name}' is used twice; rename one")
+        if name.lower() in (other.lower() for other in names[:index]):  # each is a file
+            raise InputError(
+                f"{path}: runs[{index}].name = '{name}' is used twice, in whatever case; rename one"
+            )
     runs = tuple(
         _in_file(path, f"runs[{index}]", partial(_run_spec, run, model, folder))
         for index, run in enumerate(form.runs)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ffl.bases import FIR, OBF, Basis, Derivatives, Friction, SumBasis
+from ffl.bases import FIR, OBF, Basis, Combination, Derivatives, Filter, Friction, SumBasis
 from ffl.bases.friction import STANDS
 from ffl.bases.obf import all_pass
 from ffl.campaign.config import Campaign, RunSpec, load_campaign
@@ -74,19 +74,19 @@ class Realisation:
 
 def realise(basis: Basis, theta: Array) -> Realisation:
     """The filter F(theta); `InputError` for a basis that is not a filter of the reference."""
-    parts = basis.parts if isinstance(basis, SumBasis) else (basis,)
+    parts = list(_parts(basis, theta))
     taps: dict[int, float] = {}
     forwards: list[Section] = []
     backwards: list[Section] = []
     friction: list[dict[str, float]] = []
-    position = 0
-    for part in parts:
-        own = theta[position : position + part.n_parameters]
-        position += part.n_parameters
+    for part, own in parts:
         if isinstance(part, OBF):
             count = len(part.forward_poles)
             forwards += _sections(part.forward_poles, own[:count], part.sample_time)
             backwards += _sections(part.backward_poles, own[count:], part.sample_time)
+        elif isinstance(part, Filter):
+            for k, tap in enumerate(part.taps, part.first):
+                taps[k] = taps.get(k, 0.0) + float(own[0] * tap)
         elif isinstance(part, (FIR, Derivatives)):
             for delay, gain in _taps(part, own).items():
                 taps[delay] = taps.get(delay, 0.0) + gain
@@ -104,12 +104,25 @@ def realise(basis: Basis, theta: Array) -> Realisation:
             raise InputError(
                 f"basis {type(part).__name__} is not a filter of the reference; export csv or mat"
             )
-    if sum(isinstance(part, OBF) for part in parts) > 1:
+    if sum(isinstance(part, OBF) for part, _ in parts) > 1:
         raise InputError("export of more than one 'obf' table is not possible; join their poles")
     delays = tuple(sorted(taps))
     gains = tuple(taps[k] for k in delays)
     sections = tuple(forwards), tuple(backwards)
     return Realisation(basis.sample_time, delays, gains, *sections, tuple(friction))
+
+
+def _parts(basis: Basis, theta: Array) -> Iterator[tuple[Basis, Array]]:
+    """The bases that `basis` is made of, each with its own parameters; what is combined, taken apart."""
+    if isinstance(basis, Combination):
+        yield from _parts(basis.basis, theta[0] * basis.theta)
+    elif isinstance(basis, SumBasis):
+        first = 0
+        for part in basis.parts:
+            yield from _parts(part, theta[first : first + part.n_parameters])
+            first += part.n_parameters
+    else:
+        yield basis, theta
 
 
 def _sections(poles: ComplexArray, theta: Array, sample_time: float) -> list[Section]:

@@ -29,8 +29,8 @@ def find_recording(text: str, folder: Path) -> Path:
         raise InputError(f"recording '{text}': is a folder; give a file in it")
     places = ", ".join(dict.fromkeys(str(base) for base in folders))
     raise InputError(
-        f"recording '{text}': no such file (looked in {places}); set FFL_DATA to the folder of the "
-        "real recordings"
+        f"recording '{text}': no such file (looked in {places}); mend the name, or set FFL_DATA to the "
+        "folder that holds it"
     )
 
 
@@ -127,8 +127,9 @@ def _from_file(form: FileForm, sample_time: float, folder: Path) -> Array:
     signal = signal[first : first + count]
     if len(signal) < 8:
         raise InputError(
-            f"reference: start = {form.start} s and duration = {form.duration} s leave "
-            f"{len(signal)} samples of {path}"
+            f"reference: start = {form.start:g} s"
+            + (f" and duration = {form.duration:g} s" if form.duration is not None else "")
+            + f" leave {len(signal)} samples of {path}, 8 at least; begin earlier, or take more"
         )
     before = lead(signal, round(form.lead_in / sample_time))
     after = lead(signal[::-1], round(form.lead_out / sample_time), signal[-1])[::-1]

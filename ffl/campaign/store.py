@@ -38,9 +38,11 @@ def read_results(folder: Path) -> dict[str, Any]:
     try:
         results = json.loads(path.read_text())
     except (FileNotFoundError, NotADirectoryError):
+        if (folder / "campaign.toml").is_file():
+            raise InputError(f"{folder}: a run that has not ended; {_go_on(folder)}") from None
         raise InputError(f"{folder}: no results.json; give the folder of a run") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
+        raise InputError(f"{path}: not valid JSON ({error}); {_go_on(folder)}") from None
     if not isinstance(results, dict) or results.get("schema") != 1:
         raise InputError(f"{path}: not the results of 'ffl run' (schema 1)")
     _require(results, RESULTS, f"{path}: ")
@@ -51,6 +53,10 @@ def read_results(folder: Path) -> dict[str, Any]:
     return results
 
 
+def _go_on(folder: Path) -> str:
+    return f"go on with: ffl run {folder / 'campaign.toml'} --out {folder} --resume"
+
+
 def require_runs(folder: Path, results: Mapping[str, Any], names: Sequence[str]) -> None:
     """Raises `InputError` where results.json does not hold the campaign's runs, each once."""
     held = [run["name"] for run in results["runs"]]
@@ -58,10 +64,7 @@ def require_runs(folder: Path, results: Mapping[str, Any], names: Sequence[str])
         if held.count(name) != names.count(name):
             what = "is missing" if name not in held else "is there twice"
             what = what if name in names else "is not one of campaign.toml"
-            raise InputError(
-                f"{folder / 'results.json'}: run '{name}' {what}; write the file again with: "
-                f"ffl run {folder / 'campaign.toml'} --out {folder} --resume"
-            )
+            raise InputError(f"{folder / 'results.json'}: run '{name}' {what}; {_go_on(folder)}")
 
 
 def _require(table: Mapping[str, Any], kinds: Mapping[str, type], where: str) -> None:

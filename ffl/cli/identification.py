@@ -24,8 +24,12 @@ def identify(
     basis: Annotated[
         Path | None, typer.Option(help="TOML with `basis` and `weights`, for instrumental.")
     ] = None,
-    n_ac: Annotated[int, typer.Option(help="Taps that look ahead: lags from -N.")] = 50,
-    n_c: Annotated[int, typer.Option(help="Taps that look back: lags up to N.")] = 50,
+    n_ac: Annotated[
+        int | None, typer.Option(help="Taps that look ahead: lags from -N; 50 if not given.")
+    ] = None,
+    n_c: Annotated[
+        int | None, typer.Option(help="Taps that look back: lags up to N; 50 if not given.")
+    ] = None,
     order: Annotated[
         list[int] | None, typer.Option(help="Order to try, may be repeated; for linear.")
     ] = None,
@@ -36,9 +40,10 @@ def identify(
     from ffl.report.identify import identify_with_report
     from ffl.report.terminal import print_table, working
 
-    orders = order or range(1, 9)
     with working(f"identify {method}"):
-        answer = identify_with_report(method, data, map, model, basis, n_ac, n_c, list(orders), out)
+        answer = identify_with_report(
+            method, data, map, model, basis, n_ac, n_c, order or None, out
+        )
     if json:
         print_json(answer)
         return
@@ -70,10 +75,10 @@ def diagnose(
     """Locate, name, model and prove what the model leaves out of the recordings."""
     from ffl.campaign.reference import find_recording
     from ffl.report.diagnosis import diagnose_with_report, print_answer
-    from ffl.systems.atomic import require_folder
+    from ffl.systems.atomic import require_own
 
     if out is not None:
-        require_folder(out)
+        require_own(out, "verdict")
     here = Path()
     found = [find_recording(str(path), here) for path in recordings]
     judging = [find_recording(str(path), here) for path in validate or ()]

@@ -17,14 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffl.bases.base import Basis
 from ffl.errors import InputError
-from ffl.identify.estimator import Estimator, checked, force
+from ffl.identify.estimator import Estimator, force
 from ffl.identify.inverse import Band, InverseBasis, magnitude_band
 from ffl.identify.regression import upper_triangle
 from ffl.systems import Plant, StateSpace
+from ffl.systems.checked import checked
 
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-10
+FIRST = 10  # samples by which it is seen whether a recording begins at rest
+MOVES = 5.0  # times what y shakes by: so much drift in these is motion
+ROUNDING = 1e-6  # of its range: so little drift is none
+LOOKS_BACK = 1e-6  # of its largest answer: what a function still says of a sample long past
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,11 @@ class InstrumentalInverse(Estimator):
         self.method = method
 
     def fit(self, recording: Any, target: None = None) -> Self:
-        """Learns from one recording with r, f, u and y that starts at rest."""
+        """Learns from one recording with r, f, u and y.
+
+        Where it begins in motion the model's state is estimated, and the first samples, whose u answers
+        what y did before, are left out.
+        """
         if target is not None:
             raise InputError("InstrumentalInverse.fit takes one recording with r, f, u and y")
         if self.method not in ("instrumental", "least_squares"):
@@ -126,6 +135,7 @@ class InstrumentalInverse(Estimator):
             raise InputError("output is constant: it excites nothing; record a machine that moves")
         loop = self.model.require_stable()
         weight = loop.process_sensitivity
+        at_rest = _at_rest(y)
         regressors = _filtered(weight, self.basis.regressors(y))
         scale = np.linalg.norm(regressors, axis=0)
         if not np.all(scale > 0):
@@ -134,6 +144,9 @@ class InstrumentalInverse(Estimator):
         if self.method == "instrumental":
             known = f if load is None else f + load
             answer = loop.system.select([0], [0, 1]).filter(np.column_stack([r, known]))
+            if not at_rest:  # the state that it begins in, a few numbers from y
+                own = loop.system.free_response(len(y))
+                answer = answer + own @ scipy.linalg.lstsq(own, y - answer)[0]
             instruments = _filtered(weight, self.basis.regressors(answer))
         a, b = regressors / scale, weight.filter(total)
         strength = np.linalg.norm(instruments, axis=0)
@@ -142,6 +155,9 @@ class InstrumentalInverse(Estimator):
                 "reference and feedforward excite nothing that could serve as instrument; record a "
                 "trial with a motion"
             )
+        unsaid = np.zeros((len(y), 0)) if at_rest else _beginning(self.basis, weight, len(y))
+        a, b = _beyond(unsaid, a), _beyond(unsaid, b)
+        instruments = _beyond(unsaid, instruments)
         q = scipy.linalg.orth(instruments / strength, RANK_TOLERANCE)
         left, singular, right = np.linalg.svd(q.T @ a, full_matrices=False)
         seen = singular > RANK_TOLERANCE * singular[0]
@@ -149,7 +165,7 @@ class InstrumentalInverse(Estimator):
         inverse = np.where(seen, 1.0 / np.where(seen, singular, 1.0), 0.0)
         solver = right.T @ (left * inverse).T / scale[:, None]
         self.theta_ = solver @ (q.T @ b)
-        self.residual_ = b - regressors @ self.theta_
+        self.residual_ = b - a @ (scale * self.theta_)
         spread = solver @ _long_run_root(q * self.residual_[:, None])
         self.inverse_ = ParametricInverse(self.basis, self.theta_, spread, self.model.sample_time)
         own = scipy.linalg.orth(a, RANK_TOLERANCE)
@@ -159,6 +175,32 @@ class InstrumentalInverse(Estimator):
     def predict(self, reference: ArrayLike) -> Array:
         """Feedforward for a reference."""
         return self._learned("inverse_").feedforward(reference)
+
+
+def _at_rest(y: Array) -> bool:
+    """Whether `y` begins at rest: it moves no more in its first samples than it shakes there."""
+    first = y[:FIRST]
+    t = np.arange(len(first), dtype=float)
+    drift, level = np.polyfit(t, first, 1)
+    shakes = float(np.std(first - level - drift * t))
+    return abs(drift) * len(first) <= max(MOVES * shakes, ROUNDING * float(np.ptp(y)))
+
+
+def _beginning(basis: Basis, weight: StateSpace, n: int) -> Array:
+    """What an equation that fails in the first samples, as far as the functions look back, makes of all n:
+    orthonormal columns."""
+    pulse = np.zeros(2 * (n // 2) + 1)
+    pulse[n // 2] = 1.0
+    answer = np.max(np.abs(basis.regressors(pulse)), axis=1)
+    late = np.flatnonzero(answer[n // 2 :] > LOOKS_BACK * answer.max())
+    reach = int(min(late[-1] if late.size else 0, n // 10)) + 1
+    columns = _filtered(weight, np.eye(n, reach))
+    return scipy.linalg.orth(columns)
+
+
+def _beyond(columns: Array, x: Array) -> Array:
+    """`x` beyond what orthonormal `columns` say of it."""
+    return x - columns @ (columns.T @ x)
 
 
 def _filtered(system: StateSpace, columns: Array) -> Array:

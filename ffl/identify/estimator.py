@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffl.errors import InputError
+from ffl.systems.checked import checked
 
 Array = NDArray[np.float64]
 
@@ -71,20 +72,3 @@ def force(recording: Any) -> Any:
             "the command u is constant, so nothing can be identified; record one that moves"
         )
     return total
-
-
-def checked(values: ArrayLike, name: str) -> Array:
-    """`values` as a finite one-dimensional signal."""
-    try:
-        signal = np.asarray(values, float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not a numeric array: {error}") from error
-    if signal.ndim != 1:
-        raise InputError(f"{name} has shape {signal.shape}; give one column, shape (N,)")
-    bad = np.flatnonzero(~np.isfinite(signal))
-    if bad.size:
-        raise InputError(
-            f"{name}: {bad.size} samples are NaN or infinite, the first at index {bad[0]}; "
-            "repair or cut the recording"
-        )
-    return signal

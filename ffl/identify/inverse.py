@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffl.bases.base import Basis
 from ffl.errors import InputError
-from ffl.identify.estimator import checked
+from ffl.systems.checked import checked
 
 Array = NDArray[np.float64]
 
@@ -144,6 +144,10 @@ class Inverse(Protocol):
     """What an identified inverse can do, whatever its parametrization."""
 
     @property
+    def sample_time(self) -> float:
+        """Of the recordings that it was identified from, in s."""
+
+    @property
     def n_ac(self) -> int:
         """Samples it looks ahead."""
 
@@ -161,9 +165,15 @@ class InverseBasis(Basis):
     inverse: Inverse
     name: str
 
+    in_samples = True
+
     @property
     def names(self) -> list[str]:
         return [self.name]
+
+    @property
+    def sample_time(self) -> float:  # type: ignore[override]
+        return self.inverse.sample_time
 
     @property
     def preview(self) -> int:

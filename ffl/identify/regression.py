@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from ffl.errors import InputError
-from ffl.identify.estimator import checked
+from ffl.systems.checked import checked
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffl.errors import InputError
-from ffl.identify.estimator import Estimator, checked
+from ffl.identify.estimator import Estimator
 from ffl.identify.fir import Backward
+from ffl.systems.checked import checked
 
 Array = NDArray[np.float64]
 

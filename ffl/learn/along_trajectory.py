@@ -18,9 +18,11 @@ from ffl.machines import Simulator
 from ffl.systems import Plant
 from ffl.systems.state_space import Array
 
-ROUNDS = 6
-PLANNED_ROUNDS = 15
-PROBE = 1e-3  # of the larger of |f| and |u|: difference step; friction makes smaller ones noisy
+ROUNDS = 12
+PLANNED_ROUNDS = 20
+# Of the larger of |f| and |u|: difference steps, from the finest on. Friction makes smaller ones noisy;
+# where a machine sticks a little earlier or later, the wider ones see past the kink.
+PROBES = 1e-3, 1e-2, 5e-2
 SETTLED = 1e-3  # share of the criterion that a round must still bring
 SHORTEST = 1e-3  # of a Newton step, below which the criterion does not fall along it
 BENDS = 5  # corrections of a step for the command's bend along it
@@ -89,9 +91,12 @@ class AlongTrajectory:
 
     The report is that of the theta returned: its KKT residual is |M (theta* - theta)| / |b| with
     theta* the solution of the problem linearised about theta, zero where theta solves that itself.
-    It is 1e-3 rather than 1e-8 where dry friction bends the criterion: status "settled".
+    It is 1e-3 rather than 1e-8 where dry friction bends the criterion, and up to 0.06 where a bound on the
+    command holds as well: status "settled", no step along a linearisation about theta, by fine or by wide
+    differences, brings more. That is a minimum nearby, not always the least: of a stage with friction and
+    four limits on its command a search without derivatives found 0 to 3 % less.
 
-    Cost: rounds * n simulations of N samples.
+    Cost: rounds * n simulations of N samples, three times that in the last.
     """
 
     def __init__(
@@ -107,7 +112,7 @@ class AlongTrajectory:
         self.regressors, self.weights = self._problem.regressors, weights
         self._q = orthonormal(self.regressors).q
         self._model, self._simulator = model, Simulator(model)
-        self._last: tuple[bytes, Tangent, Tangent] | None = None
+        self._last: tuple[tuple[float, bytes], Tangent, Tangent] | None = None
 
     def output(self, feedforward: Array) -> Array:
         """Noise-free y of the model with `feedforward` (N,), NaN from where it diverges."""
@@ -150,17 +155,19 @@ class AlongTrajectory:
         start = time.perf_counter()
         trial = _Trial(self.regressors @ theta, unsaid)
         here = self._at(theta, trial)
-        problem, step = self._linearised(here, trial)
         status = "optimal_inaccurate"  # until it settles
         for _ in range(rounds):
-            moved = self._moved(here, problem, step, trial)
-            settled = moved is None or (here.feasible and 1.0 - moved.cost / here.cost < SETTLED)
-            if moved is not None:
-                here = moved
-                problem, step = self._linearised(here, trial)
-            if settled:
+            before = here
+            for probe in PROBES:
+                problem, step = self._linearised(before, trial, probe)
+                moved = self._moved(before, problem, step, trial)
+                here = moved if moved is not None and moved.better_than(here) else here
+                if not _settled(before, here):
+                    break
+            if _settled(before, here):
                 status = "settled"
                 break
+        problem, step = self._linearised(here, trial)
         seconds = time.perf_counter() - start
         if not here.feasible:
             return Update(theta.copy(), trial.before, self._infeasible(here, step, seconds))
@@ -202,17 +209,30 @@ class AlongTrajectory:
     def _moved(
         self, here: _Point, problem: NormOptimal, step: Update, trial: _Trial
     ) -> _Point | None:
-        """The first of the step, its half, its quarter, ... that is better."""
+        """The better of what is reached along the step with the command's bend taken into its bounds and
+        along the step as it is: a bend that is large may turn the first uphill."""
         if step.report.status == "infeasible":
             return None
-        step = self._bent(here, problem, step, trial)
-        share = 1.0
+        bent = self._bent(here, problem, step, trial)
+        steps = [step] if bent is step else [bent, step]
+        reached = [p for s in steps if (p := self._along(here, s, trial)) is not None]
+        best: _Point | None = None
+        for point in reached:
+            best = point if best is None or point.better_than(best) else best
+        return best
+
+    def _along(self, here: _Point, step: Update, trial: _Trial) -> _Point | None:
+        """The first of the step, its half, its quarter, ... that is better, or what comes after it for as
+        long as that is better still."""
+        best, share = None, 1.0
         while share > SHORTEST:
             moved = self._at(here.theta + share * (step.theta - here.theta), trial)
-            if moved.better_than(here):
-                return moved
+            if moved.better_than(best or here):
+                best = moved
+            elif best is not None:
+                break
             share *= 0.5
-        return None
+        return best
 
     def _bent(self, here: _Point, problem: NormOptimal, step: Update, trial: _Trial) -> Update:
         """The step with the command's bend along it, what its tangent leaves out, in its bounds."""
@@ -230,26 +250,34 @@ class AlongTrajectory:
             step = again
         return step
 
-    def _linearised(self, here: _Point, trial: _Trial) -> tuple[NormOptimal, Update]:
+    def _linearised(
+        self, here: _Point, trial: _Trial, probe: float = PROBES[0]
+    ) -> tuple[NormOptimal, Update]:
         """The convex problem about the trajectory of `here`, and its solution. Without any command
         the linear part answers: there is no scale for a difference, and friction would hold it."""
         f = self.regressors @ here.theta
-        problem, tangents = self._problem, self._tangents(f)
+        problem, tangents = self._problem, self._tangents(f, probe)
         if tangents is not None:
             problem = problem.answering(*tangents)
         return problem, problem.update(here.theta, here.error, here.command, trial.before)
 
-    def _tangents(self, f: Array) -> tuple[Tangent, Tangent] | None:
+    def _tangents(self, f: Array, share: float) -> tuple[Tangent, Tangent] | None:
         """How y and u of the model answer about its trajectory under `f`, None without any command. The
         last is kept: a trial begins where the update before it ended."""
-        if self._last is not None and self._last[0] == f.tobytes():
+        key = share, f.tobytes()
+        if self._last is not None and self._last[0] == key:
             return self._last[1:]
         y, u = self._run(f)
-        probe = PROBE * max(float(np.linalg.norm(f)), float(np.linalg.norm(u)))
+        probe = share * max(float(np.linalg.norm(f)), float(np.linalg.norm(u)))
         if probe == 0.0:
             return None
         runs = [self._run(f + probe * q) for q in self._q.T]
         output = Tangent(self._q, np.column_stack([(run[0] - y) / probe for run in runs]))
         command = Tangent(self._q, np.column_stack([(run[1] - u) / probe for run in runs]))
-        self._last = f.tobytes(), output, command
+        self._last = key, output, command
         return output, command
+
+
+def _settled(before: _Point, here: _Point) -> bool:
+    """Whether a round from `before` to `here` brought next to nothing."""
+    return here is before or (before.feasible and 1.0 - here.cost / before.cost < SETTLED)

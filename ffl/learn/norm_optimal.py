@@ -17,6 +17,7 @@ from ffl.learn.coordinates import Coordinates, orthonormal
 from ffl.learn.weights import Weights, apply_weight, is_zero
 from ffl.machines import linear_part
 from ffl.systems import Plant
+from ffl.systems.checked import checked
 from ffl.systems.state_space import Array
 
 ROUNDS = 60
@@ -99,7 +100,7 @@ class NormOptimal:
         path: str = "auto",
     ) -> None:
         self.constraints = constraints or Constraints()
-        self.weights, self.reference = weights, np.asarray(reference, float)
+        self.weights, self.reference = weights, checked(reference, "reference")
         self.loop = linear_part(model).require_stable()
         self.sample_time = model.sample_time
         n = len(self.reference)
@@ -154,6 +155,8 @@ class NormOptimal:
         `theta`.
         """
         start = time.perf_counter()
+        theta = checked(theta, "theta", self.regressors.shape[1])
+        error = checked(error, "error", len(self.reference))
         feedforward = self.regressors @ theta
         before = feedforward if before is None else before
         b = self.right_side(theta, error, before)

@@ -15,7 +15,7 @@ from ffl.learn.norm_optimal import NormOptimal, UpdateReport
 from ffl.learn.standard_errors import standard_errors
 from ffl.learn.weights import Weights, apply_weight, is_zero
 from ffl.recordings import Recording
-from ffl.systems import Plant, StateSpace
+from ffl.systems import Plant
 from ffl.systems.state_space import Array
 
 FED_BACK = 1e-3  # of the command's peak, u - f above which is no resolution of a measured command
@@ -100,7 +100,7 @@ def learn_from_recording(
     # What the nominal loop alone would leave for this reference belongs to e_0: it stays in.
     known = recording.f if recording.d is None else recording.f + recording.d
     target = error + sp.filter(known)
-    free = _free_response(sp, len(error))
+    free = sp.free_response(len(error))
     start, joint = _joint(response, free, phi, target, weights)
     command = recording.f if model.controller is None else recording.u
     try:
@@ -205,18 +205,6 @@ def _check(model: Plant, recording: Recording) -> None:
             f"and model '{model.name}' has no [controller]: the step would take the loop for open; "
             "write the controller into the model"
         )
-
-
-def _free_response(system: StateSpace, n: int) -> Array:
-    """O = [C; C A; C A^2; ...] until it has decayed to rounding; zero after that."""
-    radius = float(np.abs(system.poles).max(initial=0.0))
-    decay = n if radius >= 1.0 else int(np.ceil(np.log(1e-16) / np.log(max(radius, 1e-3))))
-    rows = np.zeros((n, system.order))
-    row = system.c[0].copy()
-    for k in range(min(n, decay)):
-        rows[k] = row
-        row = row @ system.a
-    return rows
 
 
 def _joint(

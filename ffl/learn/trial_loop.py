@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.random import Generator, SeedSequence
 
-from ffl.bases import Basis, FreeSignal
+from ffl.bases import Basis, Combination, FreeSignal, SumBasis
+from ffl.bases.base import UNSTATED
 from ffl.errors import InputError
 from ffl.learn.along_trajectory import AlongTrajectory
 from ffl.learn.constraints import Constraints
@@ -51,6 +52,7 @@ class LearningTask:
         """
         if self.update not in PATHS:
             raise InputError(f"update = '{self.update}': unknown; known: {', '.join(PATHS)}")
+        require_sample_time(self.basis, self.model)
         free = isinstance(self.basis, FreeSignal)
         if free != (self.update == "riccati") and (self.update != "auto"):
             raise InputError(
@@ -70,6 +72,20 @@ class LearningTask:
         if self.constraints.any:
             return BoundedFreeSignal(self.model, self.reference, self.weights, self.constraints)
         return FreeSignalUpdate(self.model, self.reference, self.weights)
+
+
+def require_sample_time(basis: Basis, model: Plant) -> None:
+    """Raises `InputError` where a `basis` that counts in seconds was made for another sample time than the
+    model's; one that counts in samples may leave it out."""
+    for part in basis.parts if isinstance(basis, SumBasis) else (basis,):
+        if isinstance(part, Combination):
+            require_sample_time(part.basis, model)
+        stated, wanted = part.sample_time, model.sample_time
+        if abs(stated / wanted - 1.0) > 1e-9 and not (part.in_samples and stated == UNSTATED):
+            raise InputError(
+                f"basis {type(part).__name__} has sample_time = {stated:g} s, model '{model.name}' "
+                f"{wanted:g} s; make it with sample_time = {wanted:g}"
+            )
 
 
 @dataclass(frozen=True)
@@ -111,6 +127,12 @@ def learn(
     `after` goes on from a trial already done, with the same numbers to the last bit as a loop that
     was never interrupted. Source: 2018 printer paper, sections II-C and IV.
     """
+    if trials < 1 or int(trials) != trials:
+        raise InputError(f"learn: trials = {trials}: give a whole number from 1 on")
+    if not isinstance(seed, SeedSequence):
+        raise InputError(
+            f"learn: seed = {seed!r}: give a numpy SeedSequence, SeedSequence({seed!r})"
+        )
     updater = task.updater()
     free = isinstance(updater, FreeSignalUpdate)
     n = len(task.reference)

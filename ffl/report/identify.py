@@ -20,7 +20,7 @@ from ffl.identify.linear.signals import as_signals
 from ffl.recordings import Recording, read_recording
 from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant, save_plant
-from ffl.systems.atomic import require_folder, write_text
+from ffl.systems.atomic import require_own, write_text
 from ffl.systems.plant_file import suggest
 from ffl.systems.toml_text import inline
 
@@ -296,6 +296,8 @@ METHODS: dict[str, Callable[[Task], Found]] = {
 }
 
 
+USES = {"linear": ("--order",), "instrumental": ("--basis",)}  # the others: taps
+TAPS, ORDERS = 50, range(1, 9)
 BY_REGRESSION = ("least_squares", "kernel", "rational", "bayes")
 FED_BACK = (
     "the recording is of a closed loop with little or no f: noise of y reaches u through the "
@@ -344,18 +346,26 @@ def identify_with_report(
     map: Path | None = None,
     model: Path | None = None,
     basis: Path | None = None,
-    n_ac: int = 50,
-    n_c: int = 50,
-    orders: Sequence[int] = (1, 2, 3, 4, 5, 6, 7, 8),
+    n_ac: int | None = None,
+    n_c: int | None = None,
+    orders: Sequence[int] | None = None,
     out: Path | None = None,
 ) -> dict[str, Any]:
-    """Identifies, and writes answer.json, report.html and plant.toml (`linear`) or basis.toml to `out`."""
+    """Identifies, and writes answer.json, report.html and plant.toml (`linear`) or basis.toml to `out`.
+    Taps are `TAPS` to either side, orders `ORDERS` unless given; what `method` does not use is noted."""
     if method not in METHODS:
         raise InputError(f"identify '{method}': {suggest(method, list(METHODS))}")
+    given = {"--basis": basis, "--n-ac": n_ac, "--n-c": n_c, "--order": orders}
+    idle = [
+        option
+        for option, value in given.items()
+        if value is not None and option not in USES.get(method, ("--n-ac", "--n-c"))
+    ]
+    n_ac, n_c = TAPS if n_ac is None else n_ac, TAPS if n_c is None else n_c
     if min(n_ac, n_c) < 0:
         raise InputError(f"n_ac = {n_ac}, n_c = {n_c} must not be negative")
     if out is not None:
-        require_folder(out)
+        require_own(out, "method")
     mapping = find_map(str(map), Path()) if map is not None else None
     plant = load_plant(model) if model is not None else None
     recordings = tuple(
@@ -366,8 +376,9 @@ def identify_with_report(
         )
         for path in data
     )
-    found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders)))
+    found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders or ORDERS)))
     notes = list(found.notes)
+    notes += [f"{method} makes no use of {option}" for option in idle]
     if method in BY_REGRESSION and _fed_back(recordings[0]):
         notes.append(FED_BACK)
     if method == "linear" and (unseen := _at_limits(recordings, plant)):

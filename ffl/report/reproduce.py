@@ -9,7 +9,7 @@ from typing import Any
 from ffl import __version__
 from ffl.errors import InputError
 from ffl.report.terminal import progress
-from ffl.systems.atomic import require_folder, write_text
+from ffl.systems.atomic import require_own, write_text
 from ffl.systems.plant_file import suggest
 
 # paper -> (module whose `reproduce(fast=, jobs=, progress=)` measures and returns a result with `rows`,
@@ -34,7 +34,7 @@ def reproduce_paper(
     if jobs < 1:
         raise InputError(f"jobs = {jobs} must be at least 1")
     if out is not None:
-        require_folder(out)
+        require_own(out, "paper")
     measure, show = PAPERS[paper]
     with progress(f"{paper}{' (fast)' if fast else ''}", 1.0, quiet) as advance:
         result = import_module(measure).reproduce(fast=fast, jobs=jobs, progress=advance)

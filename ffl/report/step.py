@@ -22,7 +22,7 @@ from ffl.report.finished import motion_interval
 from ffl.report.learning_figures import over_time
 from ffl.report.page import Page, drawing, subplots
 from ffl.systems import Plant, load_plant
-from ffl.systems.atomic import require_folder, write_text
+from ffl.systems.atomic import require_own, write_text
 from ffl.systems.state_space import Array
 
 
@@ -94,7 +94,7 @@ def step_with_report(
         ]
         answer["foretold"] = [{"recording": t.recording, **t.rms} for t in told]
     page = step_page(step, recording, model, answer, told)
-    require_folder(out)
+    require_own(out, "predicted_error_norm")
     write_text(out / "feedforward.csv", _csv(recording.t, recording.r, step.feedforward))
     write_text(out / "answer.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
     page.write(out / "report.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +20,20 @@ def require_folder(path: Path, option: str = "--out") -> None:
             return
         if place.exists():
             raise InputError(f"{place}: is a file; give a folder for {option}")
+
+
+def require_own(folder: Path, key: str) -> None:
+    """Raises `InputError` where `folder` is no place for an answer with `key`: it is a file, or its
+    report.html is another command's and would be lost."""
+    require_folder(folder)
+    if not (folder / "report.html").exists():
+        return
+    try:
+        answer = json.loads((folder / "answer.json").read_text())
+    except (OSError, ValueError):
+        answer = None
+    if not isinstance(answer, dict) or key not in answer:
+        raise InputError(f"{folder}: holds the report of another command; give another --out")
 
 
 @contextmanager

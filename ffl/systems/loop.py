@@ -11,6 +11,8 @@ from ffl.errors import InputError
 from ffl.systems.state_space import Array, ComplexArray, StateSpace
 from ffl.systems.zpk import Zpk, as_state_space
 
+SLOWEST = 1e-8  # of Nyquist's frequency: a slower pole is an integrator, but for rounding
+
 
 @dataclass(frozen=True)
 class Controller:
@@ -89,11 +91,16 @@ class Loop:
         return self.system.select([0], [0])
 
     def margins(self, n_frequencies: int = 20000) -> Margins:
-        """Margins of the loop gain L = P C_y read from a dense logarithmic grid up to Nyquist."""
+        """Margins of the loop gain L = P C_y read from a dense logarithmic grid up to Nyquist, from 1e-5 of
+        it on or from a decade below the slowest pole of the closed loop, if that is lower."""
         if self.controller is None:
             return Margins(np.inf, np.inf, 1.0, 0.0)
         nyquist = 0.5 / self.system.sample_time
-        f = np.geomspace(nyquist * 1e-5, nyquist * 0.9999, n_frequencies)
+        slowest = float(
+            np.abs(np.log(self.system.poles[self.system.poles != 0.0])).min(initial=np.pi)
+        )
+        lowest = min(1e-5, 0.1 * max(slowest / np.pi, SLOWEST))
+        f = np.geomspace(nyquist * lowest, nyquist * 0.9999, n_frequencies)
         loop = self.plant.response(f) * self.controller.output.response(f)
         magnitude = np.abs(loop)
         crossings = np.nonzero(np.diff(np.sign(magnitude - 1.0)))[0]

@@ -26,12 +26,13 @@ from ffl.systems.zpk import Zpk
 Root = float | Annotated[list[float], Field(min_length=2, max_length=2)]
 Row = list[float]
 PLAIN = ("float", "int", "str", "bool")  # as pydantic names them among the members of a union
+MOST_DELAY = 1000  # samples; each is a state, and a loop's poles cost the cube of these
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=False)
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class ZpkForm(Strict):
@@ -39,7 +40,7 @@ class ZpkForm(Strict):
     zeros: list[Root] = []
     poles: list[Root] = []
     gain: float
-    delay: Annotated[int, Field(ge=0)] = 0
+    delay: Annotated[int, Field(ge=0, le=MOST_DELAY)] = 0
 
     def build(self, sample_time: float, where: str) -> Zpk | StateSpace:
         zeros = _roots(self.zeros, f"{where}.zeros")
@@ -62,7 +63,7 @@ class StateSpaceForm(Strict):
     B: list[Row] | Row
     C: list[Row] | Row
     D: list[Row] | Row | float = 0.0
-    delay: Annotated[int, Field(ge=0)] = 0
+    delay: Annotated[int, Field(ge=0, le=MOST_DELAY)] = 0
 
     def build(self, sample_time: float, where: str) -> StateSpace:
         try:

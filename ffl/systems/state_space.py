@@ -179,6 +179,18 @@ class StateSpace:
         u[:1] = 1.0
         return self.filter(u)
 
+    def free_response(self, n: int) -> Array:
+        """O = [C; C A; C A^2; ...] (n, order) of the first output, until it has decayed to rounding; zero
+        after that: what it answers to a state alone."""
+        radius = float(np.abs(self.poles).max(initial=0.0))
+        decay = n if radius >= 1.0 else int(np.ceil(np.log(1e-16) / np.log(max(radius, 1e-3))))
+        rows = np.zeros((n, self.order))
+        row = self.c[0].copy()
+        for k in range(min(n, decay)):
+            rows[k] = row
+            row = row @ self.a
+        return rows
+
     def select(self, outputs: slice | list[int], inputs: slice | list[int]) -> StateSpace:
         """The sub-system from some inputs to some outputs."""
         d = self.d[outputs][:, inputs]

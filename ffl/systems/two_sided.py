@@ -130,12 +130,26 @@ def settling_samples(system: Zpk, tolerance: float = 1e-12) -> tuple[int, int]:
 
 
 def exact_inverse(
-    plant: Zpk, reference: ArrayLike, before: int | None = None, after: int | None = None
+    plant: Zpk,
+    reference: ArrayLike,
+    before: int | None = None,
+    after: int | None = None,
+    hold: bool = False,
 ) -> Inversion:
-    """f = P^-1 r for a reference at rest outside its N samples (2018 kernel paper, section 3).
+    """f = P^-1 r for a reference of N samples (2018 kernel paper, section 3). Outside these it is zero, so
+    that one which ends elsewhere jumps back; with `hold` it stays at its first and last value, as a machine
+    at rest does and as every basis has it.
 
-    `before` and `after` default to the decay of the slowest zero of P to 1e-12, so nothing is cut.
+    `before` and `after`, samples of f beside those of r, default to the decay of the slowest zero of P to
+    1e-12, so nothing is cut. Raises `InputError` for a zero of P on the unit circle, a `reference` that is
+    no list of finite numbers, and `before` or `after` that are no whole numbers from 0 on.
     """
+    for name, samples in (("before", before), ("after", after)):
+        if samples is not None and (int(samples) != samples or samples < 0):
+            raise InputError(f"exact_inverse: {name} = {samples}: give a whole number from 0 on")
+    x = np.asarray(reference, float)
+    if x.ndim != 1 or not x.size or not np.all(np.isfinite(x)):
+        raise InputError("exact_inverse: the reference must be a list of finite numbers")
     inverse = plant.inverse()
     if np.any(np.abs(np.abs(inverse.poles) - 1.0) < CIRCLE_TOLERANCE):
         root = inverse.poles[int(np.argmin(np.abs(np.abs(inverse.poles) - 1.0)))]
@@ -144,17 +158,14 @@ def exact_inverse(
             "inverse is unbounded; learn with a basis, or leave that zero out of the model"
         )
     full_before, full_after = settling_samples(inverse)
-    x = np.asarray(reference, float)
-    whole = two_sided_filter(inverse, x, full_before, full_after)
-    before = full_before if before is None else before
-    after = full_after if after is None else after
+    whole = two_sided_filter(inverse, x, full_before, full_after, hold)
+    before = full_before if before is None else int(before)
+    after = full_after if after is None else int(after)
     start, stop = full_before - before, full_before + len(x) + after
     lead, trail = max(0, -start), max(0, stop - len(whole))
-    kept = np.concatenate(
-        [np.zeros(lead), whole[max(0, start) : min(len(whole), stop)], np.zeros(trail)]
-    )
-    outside = np.sqrt(
-        np.sum(whole[: max(0, start)] ** 2) + np.sum(whole[min(len(whole), stop) :] ** 2)
-    )
+    first, last = max(0, start), min(len(whole), stop)
+    kept = np.pad(whole[first:last], (lead, trail), mode="edge")
+    at_rest = np.sum((whole[:first] - whole[0]) ** 2), np.sum((whole[last:] - whole[-1]) ** 2)
+    outside = np.sqrt(sum(at_rest))
     norm = float(np.linalg.norm(whole))
     return Inversion(kept, before, after, float(outside) / norm if norm else 0.0)

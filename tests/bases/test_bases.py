@@ -213,3 +213,9 @@ def test_a_combination_carries_learned_parameters():
         make_basis([{"kind": "filter", "taps": []}], T)
     with pytest.raises(InputError, match="whole number"):
         make_basis([{"kind": "filter", "taps": [1.0], "first": 0.5}], T)
+
+
+@pytest.mark.parametrize("wrong", [{"delays": [1.2, 1.7]}, {"preview": 2.5}])
+def test_taps_are_whole_samples(wrong):
+    with pytest.raises(InputError, match="whole number"):
+        FIR(**wrong)

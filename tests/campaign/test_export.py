@@ -28,6 +28,11 @@ CASES = {
     "fir": [{"kind": "fir", "preview": 3, "lag": 2}],
     "derivatives": [{"kind": "derivatives", "orders": ["velocity", "acceleration", "snap"]}],
     "friction": [{"kind": "friction", "asymmetric": True, "velocity": 0.05}],
+    "filter": [{"kind": "filter", "taps": [0.4, -1.2, 0.7], "first": -2}],
+    "combination": [
+        {"kind": "combination", "basis": [OBF, {"kind": "friction"}], "theta": list(range(1, 16))},
+        {"kind": "fir", "delays": [0]},
+    ],
     "sum": [{"kind": "fir", "delays": [0]}, OBF, {"kind": "friction"}],
 }
 

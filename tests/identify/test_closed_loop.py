@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.bases import FIR, OBF, FreeSignal, SumBasis
+from ffl.bases import FIR, OBF, Derivatives, FreeSignal, SumBasis
 from ffl.errors import InputError
 from ffl.identify import InstrumentalInverse, ParametricInverse
 from ffl.learn import LearningTask, Weights, learn
@@ -144,3 +144,30 @@ def test_more_refusals():
     free = ParametricInverse(FreeSignal(), theta, spread, 1e-3)
     with pytest.raises(InputError, match="not time-invariant"):
         free.response([1.0])
+
+
+def test_a_recording_that_begins_in_motion_says_as_much_as_a_whole_one():
+    """Cut on the way, as if it had begun at rest, -9.8 N s/m and 0.28 kg were told for 17.8 and 5.2."""
+    model = load_plant("emps")
+    basis = Derivatives(["velocity", "acceleration"], sample_time=1e-3)
+    device = SimulatedMachine(
+        replace(model, machine=replace(model.machine, sensor_noise=1e-6, force_noise=0.0))
+    )
+    whole = device.run(REFERENCE / 3.0, None, np.random.default_rng(0))
+    cut = replace(whole, **{c: getattr(whole, c)[1700:] for c in "trfuy"})
+    assert abs(cut.y[10] - cut.y[0]) > 1e-4  # moving
+    found = [InstrumentalInverse(basis, model).fit(one) for one in (whole, cut)]
+    errors = [np.sqrt(np.sum(one.inverse_.spread**2, axis=1)) for one in found]
+    assert np.all(np.abs(found[1].theta_ - found[0].theta_) < 4.0 * np.hypot(*errors))
+    assert found[1].theta_[1] == pytest.approx(found[0].theta_[1], rel=0.02)
+    assert np.all(errors[1] < 4.0 * errors[0])
+    assert found[1].instrument_strength_ > 0.99
+
+
+def test_an_inverse_stands_beside_other_functions_in_either_order():
+    taps = InstrumentalInverse(BASIS, MODEL).fit(
+        machine(3e-7).run(REFERENCE, None, np.random.default_rng(1))
+    )
+    parts = [taps.inverse_.basis(), Derivatives(["velocity"], sample_time=1e-3)]
+    for both in (parts, parts[::-1]):
+        assert SumBasis(both).sample_time == 1e-3

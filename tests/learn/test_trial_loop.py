@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from ffl.bases import FIR, OBF, Derivatives, FreeSignal
+from ffl.bases import FIR, OBF, Combination, Derivatives, FreeSignal, SumBasis
 from ffl.errors import InputError
-from ffl.learn import Constraints, LearningTask, Weights, learn, trial_rng
+from ffl.learn import Constraints, LearningTask, NormOptimal, Weights, learn, trial_rng
 from ffl.machines import SimulatedMachine
 from ffl.systems import Move, load_plant, moves
 
@@ -121,3 +121,56 @@ def test_the_exact_model_without_noise_leaves_only_what_the_basis_cannot(long_re
 def test_tasks_that_contradict_themselves_are_refused(more, basis, message, long_reference):
     with pytest.raises(InputError, match=message):
         task(basis, Weights(1.0, 1e-7), long_reference, **more).updater()
+
+
+def test_a_basis_that_counts_in_seconds_has_the_sample_time_of_the_model():
+    """Made for samples of 1 s beside a model of 1 ms a mass is 1e6 times too large, and nothing says so."""
+    model = load_plant("emps")
+    reference = moves([Move(0.05, 0.01, 0.2, 3.0, 60.0)], 0.4, 1e-3)
+
+    def updater(basis):
+        return LearningTask(
+            model, SimulatedMachine(model), basis, reference, Weights(1.0)
+        ).updater()
+
+    for wrong in (
+        Derivatives(["velocity"]),
+        Derivatives(["velocity"], sample_time=2e-3),
+        FIR(1, 1, sample_time=2e-3),
+        SumBasis([FIR(1, 1), Derivatives(["velocity"])]),
+        Combination(Derivatives(["velocity"]), [1.0], sample_time=1e-3),
+    ):
+        with pytest.raises(InputError, match=r"make it with sample_time = 0\.001"):
+            updater(wrong)
+    updater(FIR(1, 1))
+    updater(SumBasis([FIR(1, 1), Derivatives(["velocity"], sample_time=1e-3)]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((0, SeedSequence(1)), "trials = 0"),
+        ((2.5, SeedSequence(1)), "trials = 2.5"),
+        ((2, 1), "seed = 1"),
+    ],
+)
+def test_learning_says_what_it_cannot_count_or_draw_from(arguments, said):
+    model = load_plant("emps")
+    reference = moves([Move(0.05, 0.01, 0.2, 3.0, 60.0)], 0.4, 1e-3)
+    task = LearningTask(model, SimulatedMachine(model), FIR(1, 1), reference, Weights(1.0))
+    with pytest.raises(InputError, match=said):
+        next(learn(task, *arguments))
+
+
+def test_an_update_refuses_signals_that_are_none():
+    model = load_plant("emps")
+    reference = moves([Move(0.05, 0.01, 0.2, 3.0, 60.0)], 0.4, 1e-3)
+    with pytest.raises(InputError, match="reference: 1 samples are NaN"):
+        NormOptimal(model, FIR(1, 1), np.append(reference, np.nan), Weights(1.0))
+    update = NormOptimal(model, FIR(1, 1), reference, Weights(1.0)).update
+    with pytest.raises(InputError, match="error: 400 samples are NaN"):
+        update(np.zeros(3), np.full(400, np.nan))
+    with pytest.raises(InputError, match="error has 399 numbers; give 400"):
+        update(np.zeros(3), np.zeros(399))
+    with pytest.raises(InputError, match="theta has 2 numbers; give 3"):
+        update(np.zeros(2), np.zeros(400))

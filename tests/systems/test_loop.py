@@ -76,3 +76,11 @@ def test_an_open_loop_machine_may_integrate():
 
     plant = replace(load_plant("emps"), controller=None)
     assert plant.require_stable().system.select([1], [1]).response([3.0]) == pytest.approx([1.0])
+
+
+def test_margins_of_a_loop_slower_than_its_sampling_by_far():
+    slow = Zpk(np.zeros(0), np.array([1.0]), 1e-5, 1e-3)  # 0.01/s
+    one = Zpk(np.zeros(0), np.zeros(0), 1.0, 1e-3)
+    margins = closed_loop(slow, Controller.of_error(one)).margins()
+    assert margins.crossover == pytest.approx(0.01 / (2 * np.pi), rel=1e-2)
+    assert margins.phase == pytest.approx(90.0, abs=0.1)

@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 
 from ffl.errors import InputError
 from ffl.systems import (
+    Move,
     Zpk,
     exact_inverse,
     load_plant,
+    moves,
     settling_samples,
     split,
     two_sided_filter,
@@ -105,3 +107,27 @@ def test_inverse_of_a_relative_degree_two_plant_starts_two_samples_ahead():
     theta = two_sided_impulse(plant.inverse(), 4, 4)
     assert theta[:2] == pytest.approx([0, 0], abs=1e-15)
     assert theta[2] == pytest.approx(0.5)
+
+
+def test_an_inverse_of_a_reference_that_rests_elsewhere_rests_with_it():
+    """As if r fell back to zero f jumps at its last sample; held, it ends at r over the gain at rest."""
+    plant = Zpk(np.array([1.2]), np.array([0.9, 0.8]), -0.5, 1e-3)
+    reference = moves([Move(0.1, 0.3, 0.6, 3.0, 60.0)], 2.0, 1e-3)
+    at_rest = 0.3 / float(plant.response([0.0])[0].real)
+    held = exact_inverse(plant, reference, hold=True)
+    dropped = exact_inverse(plant, reference)
+    ends = slice(held.before, held.before + len(reference))
+    assert held.feedforward[ends][-1] == pytest.approx(at_rest, rel=1e-9)
+    assert np.abs(dropped.feedforward[ends]).max() > 5.0 * np.abs(held.feedforward).max()
+    y = plant.filter(held.feedforward)
+    assert np.abs(y[ends] - reference).max() < 1e-9
+    longer = exact_inverse(plant, reference, held.before, held.after + 50, hold=True)
+    assert longer.feedforward[-1] == pytest.approx(at_rest, rel=1e-9)
+    assert longer.tail < 1e-9
+
+
+@pytest.mark.parametrize("wrong", [{"before": -5}, {"after": 2.5}])
+def test_an_inverse_wants_whole_numbers_of_samples(wrong):
+    plant = Zpk(np.array([1.2]), np.array([0.9, 0.8]), -0.5, 1e-3)
+    with pytest.raises(InputError, match="give a whole number from 0 on"):
+        exact_inverse(plant, np.zeros(10), **wrong)

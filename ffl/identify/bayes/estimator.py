@@ -10,13 +10,15 @@ from numpy.typing import ArrayLike
 from ffl.errors import InputError
 from ffl.identify.bayes.algorithm_1 import Algorithm1Fit, algorithm_1
 from ffl.identify.bayes.posterior import Posterior, direct_posterior
-from ffl.identify.bayes.protocol import shifted
 from ffl.identify.bayes.records import Record, check_arrays, reduce_record
 from ffl.identify.estimator import Estimator, force
+from ffl.systems.checked import checked
 
 
 class _DirectInverse(Estimator):
-    """Taps theta(-n_ac..n_c-1) of the inverse system, and what is done with them."""
+    """Taps theta(-n_ac..n_c-1) of the inverse system, as the 2025 paper counts them: the causal ones
+    include lag 0, so that `n_c` is one more than a `KernelInverse` of the same lags has. `fit` takes
+    input and output as the paper does, (u, y); the other estimators (y, u): a recording serves both."""
 
     n_ac: int
     n_c: int
@@ -44,9 +46,11 @@ class _DirectInverse(Estimator):
         return np.arange(-self.n_ac, self.n_c)
 
     def feedforward(self, reference: ArrayLike) -> np.ndarray:
-        """f(t) = sum_tau theta(tau) r(t - tau), r at rest (zero) before and after; shape (N,)."""
-        r = np.asarray(reference, float)
-        return shifted(r, self.n_ac, self.n_c, len(r)) @ self._learned("theta_")
+        """f(t) = sum_tau theta(tau) r(t - tau), r at rest before and after: it stays at its first and last
+        value; shape (N,)."""
+        r = checked(reference, "reference")
+        padded = np.pad(r, (self.n_c - 1, self.n_ac), mode="edge")
+        return np.convolve(padded, self._learned("theta_"), mode="valid")
 
     def standard_errors(self) -> np.ndarray:
         """Posterior standard deviation of every tap; what taps that were cut off do is not in it."""
