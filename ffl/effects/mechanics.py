@@ -34,6 +34,7 @@ from ffl.effects.two_masses import TwoMasses, across, collocated
 from ffl.errors import InputError
 from ffl.systems.state_space import Array, StateSpace
 
+HUNG = "flexible_mode"  # the spring on which the load of a machine of one body hangs
 SIDES = ("sensor", "motor", "load", "coupling", *BETWEEN, *OUT)
 
 
@@ -109,6 +110,15 @@ class Mechanics:
             raise InputError(f"side = '{side}' is unknown; take one of {', '.join(SIDES)}")
         if side == "sensor" and self.sensor is not None:
             return self.sensor
+        if (
+            side == "load"
+            and HUNG in names
+            and self.origin is not None
+            and len(self.origin.modes) == 1
+        ):
+            return self.point("motor", mass_ratio).minus(
+                names[HUNG]
+            )  # of one body the part on a spring
         if self.origin is not None and self.push is not None and self.pull is not None:
             return self.origin.point(side, mass_ratio).mapped(self.push, self.pull)
         if side in (*BETWEEN, *OUT):

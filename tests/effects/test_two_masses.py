@@ -316,3 +316,16 @@ def test_modes_that_are_one_to_rounding_are_not_parted():
     projector, basis = modal.SchurForm.of(a).projector([0, 1])
     np.testing.assert_array_equal(projector, np.eye(4))
     np.testing.assert_array_equal(basis, np.eye(4))
+
+
+def test_friction_on_a_load_that_an_effect_hangs_on_a_rigid_stage():
+    """It is the two-mass system whose load rubs: the load of a machine of one body hangs on that spring."""
+    mode = {"frequency": FREQUENCY, "damping": DAMPING, "mass_fraction": LOAD / (MOTOR + LOAD)}
+    rubs = EffectSpec("coulomb_friction", {"level": 1.5}, {"side": "load"})
+    hung = EffectSpec("flexible_mode", mode)
+    simulator = Simulator(STAGE, open_loop=True)
+    linear = simulator.run([hung], None, COMMAND)
+    truth = simulate(lambda t, s: (0.0, 0.0), COMMAND, "load", 1.5)[:, 0]
+    for effects in ([hung, rubs], [rubs, hung]):
+        run = simulator.run(effects, None, COMMAND)
+        assert np.abs(run.y - truth).max() < 5e-4 * np.abs(truth - linear.y).max()

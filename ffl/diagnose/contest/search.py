@@ -16,11 +16,20 @@ from functools import partial
 
 import numpy as np
 
+from ffl.diagnose.contest.behind import behind_its_mode
 from ffl.diagnose.contest.curves import two_for_two
 from ffl.diagnose.contest.earning import UNTOLD, earns, gaining
 from ffl.diagnose.contest.forks import forks, within_the_travel
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
-from ffl.diagnose.contest.judging import Judged, granted, judge, levelled, noise_error, raw_error
+from ffl.diagnose.contest.judging import (
+    Judged,
+    granted,
+    judge,
+    levelled,
+    noise_error,
+    raw_error,
+    whitened_alike,
+)
 from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import claimants, crosses
 from ffl.diagnose.contest.modes import mode_elsewhere
@@ -97,6 +106,7 @@ def contest(
     ways = (
         partial(in_their_stead, outcome.steps),
         on_its_spring,
+        behind_its_mode,
         two_for_two,
         untabled,
         within_the_travel,
@@ -120,7 +130,7 @@ def contest(
 
 def _ahead(other: Outcome, outcome: Outcome, say: Callable[[str], None]) -> bool:
     """Whether what `other` came to is likelier, and no worse on the held-out recordings."""
-    ahead, behind = levelled([other.standing, outcome.standing])
+    ahead, behind = whitened_alike([other.standing, outcome.standing])
     say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
     left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
     better = ahead.score > behind.score + SUBSTITUTE

@@ -11,6 +11,7 @@ import numpy as np
 from ffl.diagnose.hypothesis.model import Model
 from ffl.effects import EFFECTS, Effect
 from ffl.effects.cascade import BETWEEN, OUT, lags
+from ffl.effects.mechanics import HUNG
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -77,6 +78,12 @@ def places_of(model: Model) -> list[Place]:
             kept.append(place)
             shapes.append(shape)
     return kept
+
+
+def hangs(model: Model) -> bool:
+    """Whether an effect hangs a load on a spring at a machine of one body: forces may act there as well."""
+    whole = model.base.simulator.mechanics.modes
+    return len(whole) == 1 and any(spec.name == HUNG for spec in model.acting)
 
 
 def of_the_machine(model: Model) -> list[Place]:

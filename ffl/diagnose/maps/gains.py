@@ -10,13 +10,15 @@ import numpy as np
 from ffl.diagnose.contest.earning import promised
 from ffl.diagnose.contest.judging import OPEN
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.amounts import LINE, sizes
+from ffl.diagnose.hypothesis.amounts import LINE, own_damping, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freeform import FAR, FreeForm, held_gain, judged
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen
 from ffl.diagnose.maps.freestep import ROUNDS, stepped
+from ffl.diagnose.maps.mapped import BY_COMMAND
 from ffl.diagnose.noise.slow import gained_in_own_noise
 
+ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
 # Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
 STRAIGHT = {"velocity": "damping", "position": "stiffness"}
@@ -67,6 +69,33 @@ def left_alone(beside: FreeForm, nominal: Model) -> FreeForm | None:
     free, now, _ = found
     alone = judged(beside.scene, beside.held, free, beside.evidence, now.white)
     return None if alone is None else replace(alone, ranking=beside.ranking)
+
+
+def with_the_stated_mass(alone: FreeForm) -> FreeForm:
+    """The same where a map of the command alone stands beside a mass m times as far off as the map is
+    steep: of a command that acts (u + g(u))/(1 + m) on a machine of the stated mass, with the other numbers
+    taken back by as much. A straight part of the map and a mass are one to any recording. (A valve of 1 and
+    0.76 either way: 0.87 and 1.47 beside 120 % more mass.)"""
+    free, mass = alone.free, alone.free.model.corrections.get("mass", 0.0)
+    if [p.term.kind for p in alone.parts] != [BY_COMMAND] or not mass:
+        return alone
+    part, k = alone.parts[0], 1.0 + mass
+    u = part.term.knots(part.ranges)
+    taken = replace(part, coefficients=(u + part.coefficients) / k - u)
+    damping = own_damping(free.model)
+    whole = {"mass": 1.0, "stiffness": 1.0, "damping": damping}
+    numbers = {
+        name: (whole[name] + value) / k - whole[name] if name in whole else value
+        for name, value in free.model.corrections.items()
+    }
+    other = FreeModel(replace(free.model, corrections=numbers), (taken,))
+    found = stepped(FreeScreen(alone.scene, other), other, ROUNDS)
+    if found is None:
+        return alone
+    same = judged(alone.scene, alone.held, found[0], alone.evidence, found[1].white)
+    if same is None or same.cost > ALIKE * alone.cost or same.held_cost > ALIKE * alone.held_cost:
+        return alone
+    return replace(same, ranking=alone.ranking, alike=alone.alike, untold=alone.untold)
 
 
 def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:

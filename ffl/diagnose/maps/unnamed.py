@@ -30,6 +30,7 @@ from ffl.diagnose.maps.gains import (
     in_own_noise,
     left_alone,
     nearly,
+    with_the_stated_mass,
     within_the_line,
 )
 from ffl.diagnose.maps.known import HELD_WORTH, hardly_shown
@@ -364,7 +365,7 @@ def _described(contest: Contest, scene: Scene, rng: Generator) -> Contest:
     if contest.verdict == "unnamed" and contest.alone is not None:
         if within_the_line(scene, contest.alone):  # and the names it beats stand for no more
             return Contest("nothing", None, None, 0.0, 0.0, None)
-        contest = replace(contest, alone=calmed(contest.alone))
+        contest = replace(contest, alone=with_the_stated_mass(calmed(contest.alone)))
     winner = contest.winner
     assert winner is not None
     screen = FreeScreen(winner.scene, winner.free)

@@ -200,7 +200,9 @@ def conclude(
             heard = () if said == "unnamed" else told
             experiment = plan(standing.scene, standing.fit, outcome, nameless, heard)
     moved = corrections(standing) if bare is standing.model else ()
-    if maps and augmented is not model:
+    if (
+        maps
+    ):  # the formula is said of that machine, also where the map alone stands and no file holds it
         moved = beside_maps(bare)
     elif said == "inconclusive":
         moved = ()

@@ -229,6 +229,7 @@ def _against_controller(
     given = eq.f + eq.by_r - eq.by_y
     behind, late = _behind(eq, SHIFTS)
     shifts = [s for k in range(1, SHIFTS) for s in (k, -k)]
+    fed, fed_back = bool(np.any(eq.f)), eq.by_r - eq.by_y
     best, at, column, others = min(
         *(
             (_moved(eq, eq.u - given + np.roll(eq.by_y, -s) - eq.by_y), s, "y", "u and r")
@@ -238,6 +239,16 @@ def _against_controller(
             (_moved(eq, eq.u - given + eq.by_r - np.roll(eq.by_r, -s)), s, "r", "u and y")
             for s in shifts
         ),
+        *(
+            (
+                _moved(eq, eq.u - eq.f - np.roll(fed_back, s)),
+                s,
+                "u with f" if fed else "u",
+                "r and y",
+            )
+            for s in shifts
+            if fed or s < 0
+        ),
     )
     left, (g,), _ = eq.left(eq.u - eq.f, [eq.by_r - eq.by_y])
     alike = left < min(good, behind, best)
@@ -246,6 +257,16 @@ def _against_controller(
             "unit", "the unit of r and y",
             f"r and y are {1.0 / g:.4g} times what the controller saw: correct their unit in the "
             "mapping, or the gain of [controller]",
+        )  # fmt: skip
+    if (
+        alike
+        and abs(g + 1) < 0.05
+        and factor_of(plant, recording.u[:ROWS], recording.y[:ROWS])[0] < 0.0
+    ):
+        return fault(
+            "sign", "the sign of u and f, or of r and y",
+            "u and f have the opposite sign of what the stated controller and the plant make of r and y: "
+            "flip both, or r and y, in the mapping",
         )  # fmt: skip
     if alike and abs(g - 1) > 0.01:
         return fault(
@@ -277,7 +298,7 @@ def _against_controller(
     return fault(
         "controller", "the controller",
         f"u is not what the stated controller gives ({100 * stated:.3g} % of its RMS is left): check "
-        "[controller], the units and the columns, or leave [controller] out",
+        "[controller], the units and the columns; a diagnosis can do without [controller]",
     )  # fmt: skip
 
 

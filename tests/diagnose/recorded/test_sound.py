@@ -10,6 +10,7 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.recorded.commands import feedback_of
 from ffl.diagnose.recorded.sound import soundness
+from ffl.machines import SimulatedMachine
 from ffl.recordings import Recording
 from ffl.systems import Controller, EffectSpec
 from ffl.systems.zpk import as_state_space
@@ -53,6 +54,7 @@ def test_lost_samples_are_said_before_any_physics(stage, clean):  # type: ignore
         ("shift", lambda r: {"y": np.concatenate([np.full(7, r.y[0]), r.y[:-7]])}),
         ("shift", lambda r: {"y": np.concatenate([r.y[9:], np.full(9, r.y[-1])])}),
         ("shift", lambda r: {"u": np.concatenate([[r.u[0]], r.u[:-1]])}),
+        ("shift", lambda r: {"u": np.concatenate([r.u[3:], np.full(3, r.u[-1])])}),
         ("columns", lambda r: {"u": r.y, "y": r.u}),
         ("columns", lambda r: {"r": r.y, "y": r.r}),
         ("clipped_sensor", lambda r: {"y": np.minimum(r.y, 0.8 * r.y.max())}),
@@ -80,6 +82,27 @@ def test_a_reference_logged_late_is_told_from_an_output_logged_early(stage, clea
     said = soundness(stage, [early]).faults[0].mend
     assert "y is 2 samples early against u and r" in said
     assert "reaches the controller 2 samples late" in said
+
+
+@pytest.fixture(scope="module")
+def fed(stage, references):  # type: ignore[no-untyped-def]
+    """A recording with a feedforward, which u holds too."""
+    push = 0.4 * np.sin(2 * np.pi * 1.7 * np.arange(len(references[0])) * stage.sample_time)
+    return SimulatedMachine(stage).run(references[0], push, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("by", "word"), [(6, "late"), (-6, "early")])
+def test_command_and_feedforward_logged_beside_the_rest_are_a_time_base(stage, fed, by, word):  # type: ignore[no-untyped-def]
+    moved = {name: np.roll(getattr(fed, name), by) for name in "uf"}
+    fault = soundness(stage, [_with(fed, **moved)]).faults[0]
+    assert fault.kind == "shift"
+    assert f"u with f is 6 samples {word} against r and y" in fault.mend
+
+
+def test_command_and_feedforward_of_the_other_sign_are_no_controller(stage, fed):  # type: ignore[no-untyped-def]
+    fault = soundness(stage, [_with(fed, u=-fed.u, f=-fed.f)]).faults[0]
+    assert fault.kind == "sign"
+    assert "flip both" in fault.mend
 
 
 def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignore[no-untyped-def]
