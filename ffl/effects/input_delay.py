@@ -67,4 +67,6 @@ class InputDelay(Effect):
 
     def says(self, values: Parameters, plant: Plant) -> str:
         samples = values["delay"] / plant.sample_time
-        return f"The command arrives {values['delay'] * 1e3:.4g} ms late ({samples:.3g} samples)."
+        delay = values["delay"]
+        said = f"{delay:.4g} s" if delay >= 1.0 else f"{delay * 1e3:.4g} ms"
+        return f"The command arrives {said} late ({samples:.3g} samples)."

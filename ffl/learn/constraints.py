@@ -28,7 +28,8 @@ def known_command(command: NDArray[np.float64] | None) -> NDArray[np.float64]:
 class Constraints:
     """Bounds that hold at every sample of the next trial.
 
-    feedforward: on f, input units. feedforward_rate: on (f(t) - f(t-1))/T, input units per s.
+    feedforward: on f, input units. feedforward_rate: on (f(t) - f(t-1))/T, input units per s, for t
+    from 1 on: the first sample is free.
     command: on u = u_j + S (f - f_j), predicted from the model, input units. parameters: on theta.
     Each is a number b (-b .. b), a pair [low, high], or an array (2, N): lows and highs.
     """

@@ -13,8 +13,9 @@ import numpy as np
 from ffl.diagnose import Diagnosis, diagnose
 from ffl.diagnose.proof.advise import Experiment
 from ffl.diagnose.result import NO_CHANCE
-from ffl.effects import EFFECTS
+from ffl.effects import EFFECTS, check_effects
 from ffl.effects.position_dependent_friction import is_cubic
+from ffl.errors import InputError
 from ffl.recordings import Recording, read_recording
 from ffl.report import diagnosis_figures as draw
 from ffl.report.page import Page, drawing, subplots
@@ -59,6 +60,10 @@ def diagnose_with_report(
 ) -> dict[str, Any]:
     """Reads the files, diagnoses, writes the folder `out` where one is given; the answer."""
     plant = load_plant(str(model))
+    try:
+        check_effects(plant)
+    except InputError as error:
+        raise InputError(f"{model}: {error}") from None
 
     def read(paths: Sequence[Path]) -> list[Recording]:
         step = plant.sample_time
@@ -67,7 +72,11 @@ def diagnose_with_report(
     def say(line: str) -> None:
         print(f"ffl: {line}", file=sys.stderr, flush=True)
 
-    found = diagnose(plant, read(recordings), read(validation), progress=None if quiet else say)
+    try:
+        found = diagnose(plant, read(recordings), read(validation), progress=None if quiet else say)
+    except InputError as error:
+        here = str(error).startswith(f"{plant.name}:")  # of the plant, not of a recording
+        raise InputError(f"{model}: {error}" if here else str(error)) from None
     if out is not None:
         write(found, out)
     return found.answer()

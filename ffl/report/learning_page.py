@@ -159,7 +159,8 @@ def _errors(page: Page, runs: Sequence[FinishedRun]) -> None:
             "Error norm of every trial",
             "Trial 1 runs on feedback alone (θ = 0); each further one uses what was learned from "
             "the trial before. A curve that has become level has converged: what is left the "
-            f"parametrization cannot remove, or it does not repeat. Counterpart of Figure 7 of {PAPER}.",
+            "parametrization cannot remove, the weights on f or a bound keep, or it does not repeat. "
+            f"Counterpart of Figure 7 of {PAPER}.",
         )
 
 

@@ -58,6 +58,11 @@ IMPLAUSIBLE = 5.0  # times a mass or a gain: no machine is so far from its model
 MOST = (
     0.5  # of the nrmse before: where no noise is stated, nobody knows that more than this is noise
 )
+DELAY, LOGGED = (
+    "input_delay",
+    "a u that was logged as much before y looks the same where no controller is stated: see that both "
+    "columns have one clock",
+)
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 PARTED = 3.0  # times the nrmse of the model alone
 
@@ -179,6 +184,8 @@ def conclude(
         notes.append(
             f"{stands} in augmented.toml: no size of its own is told, it stands in for another"
         )
+    if DELAY in {standing.model.effects[index].name for index in told} and not model.controller:
+        notes.append(LOGGED)
     raw = replace(quiet, trials=tuple(t.recorded for t in quiet.trials)).residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
     explained = lost.fitted.scene if lost else quiet

@@ -15,9 +15,9 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps import freeform
 from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost
-from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form
+from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
-from ffl.diagnose.maps.gains import gains_of, within_the_line
+from ffl.diagnose.maps.gains import gains_of, with_the_stated_mass, within_the_line
 from ffl.diagnose.maps.known import hardly_shown, where_known
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
@@ -314,3 +314,28 @@ def test_of_maps_that_do_as_much_one_beside_which_the_machine_drives_itself_come
         for d in (-2.4, -0.9, 0.0)
     ]
     assert [freeform._drives_itself(f) for f in bare] == [True, False, False]
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.8])
+def test_a_map_of_the_command_is_told_beside_the_mass_as_stated(stage, references, scenes, mass):  # type: ignore[no-untyped-def]
+    """A drive of 1 and 0.76 either way; a straight part of its map and a mass are one to any recording."""
+    runs = [
+        recorded(stage, r, k, cut=lambda u, v: np.where(u < 0.0, -0.24 * u, 0.0))
+        for k, r in enumerate(references)
+    ]
+    scene, held, nominal = scenes(runs)
+    model = replace(nominal, corrections={"mass": mass})
+    place, command = Place("command"), term("command")
+    u = np.concatenate([run.u for run in runs])
+    ranges = {"u": (float(u.min()), float(u.max())), "v": (-0.3, 0.3)}
+    grid = command.grid(ranges)
+    whole = np.where(grid < 0.0, 0.76, 1.0) * grid  # what of the command acts on the stated machine
+    part = Part(command, place, (1.0 + mass) * whole - grid, ranges)
+    alone = judged(scene, held, FreeModel(model, (part,)), 1e3)
+    assert alone is not None
+    told = with_the_stated_mass(alone)
+    assert (told is alone) is (mass == 0.0)
+    assert abs(told.free.model.corrections.get("mass", 0.0)) < 0.01
+    assert told.cost < 1.05 * alone.cost
+    added = np.interp([-1.0, 1.0], grid, told.parts[0].coefficients)
+    assert added == pytest.approx([0.24, 0.0], abs=0.01)
