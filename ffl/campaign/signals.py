@@ -30,7 +30,7 @@ def append_trial(
     """Adds a trial to the run's file, which is replaced whole: written aside, synced, renamed.
 
     The copy makes ten trials of 8000 samples cost 14 MB of writing, and leaves one format to read,
-    complete after every trial.
+    complete after every trial. It grows with the square of the trials: 200 of 1500 samples cost about 1 GB.
     """
     with written_aside(path) as aside:
         if trial.number > 1:

@@ -9,7 +9,14 @@ import scipy.signal
 
 from ffl.diagnose.contest import earning, judging
 from ffl.diagnose.contest.earning import borne_out, earns
-from ffl.diagnose.contest.judging import Judged, effective, judge, noise_error
+from ffl.diagnose.contest.judging import (
+    Judged,
+    effective,
+    judge,
+    levelled,
+    noise_error,
+    whitened_alike,
+)
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.maps import unnamed
@@ -229,3 +236,20 @@ def test_slow_noise_does_not_speak_for_who_moves_less(stage, scenes, monkeypatch
     misled = judge(scene, held, built)
     assert misled.model.effects[0].parameters["limit"] < 0.5 * limit
     assert misled.fitted < found.fitted - judging.MISLED
+
+
+def test_who_was_judged_under_louder_noise_is_no_likelier_for_it(stage, record, scenes):  # type: ignore[no-untyped-def]
+    friction = EffectSpec("coulomb_friction", {"level": 8.0})
+    scene, held, model = scenes(record(replace(stage, effects=(friction,))))
+    loud = replace(scene, noise=Noise(1e-5, 0.2))
+    quiet_one = replace(judge(scene, held, model, 1), held=held)
+    worth, white = judging.held_out(held, scene, quiet_one.fit)
+    quiet_one = replace(quiet_one, held_out=worth, held_white=white)
+    loud_one = replace(quiet_one, held=held.like(loud))
+    worth, white = judging.held_out(held, loud, loud_one.fit)
+    loud_one = replace(loud_one, held_out=worth, held_white=white)
+    one, other = levelled([loud_one, quiet_one])
+    assert one.held_out > other.held_out + 50.0
+    one, other = whitened_alike([loud_one, quiet_one])
+    assert one.held_out == pytest.approx(other.held_out, abs=1e-6)
+    assert other.held_white == pytest.approx(quiet_one.held_white)
