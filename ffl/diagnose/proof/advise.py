@@ -75,7 +75,7 @@ class Experiment:
         if self.separation < 1.0:
             return (
                 f"{a} or {b}: no experiment within the range seen tells them apart (the best, "
-                f"{self.text}, by {self.separation:.2g} standard deviations); go beyond it"
+                f"{self.text}, by {self.separation:.2g} standard deviations); go beyond that range"
             )
         enough = "" if self.separation >= ENOUGH else f"; repeat it {self.repeats} times"
         return (

@@ -179,7 +179,7 @@ def _nameless(contest: Contest) -> where.Place:
     for part in winner.alike:
         said += f", or as well {part.place.words}: {where.phrase(part.term.variables)}"
     if contest.led:
-        said += ", along the motion as measured; two runs of this machine part, and so do free runs"
+        said += ", along the motion as measured, which free runs with it do not follow"
     if contest.bursts_remain:
         said += "; and bursts, at times of their own, that it does not explain"
     return where.Place(
