@@ -53,8 +53,8 @@ def read_results(folder: Path) -> dict[str, Any]:
     return results
 
 
-def _go_on(folder: Path) -> str:
-    return f"go on with: ffl run {folder / 'campaign.toml'} --out {folder} --resume"
+def _go_on(folder: Path, what: str = "go on") -> str:
+    return f"{what} with: ffl run {folder / 'campaign.toml'} --out {folder} --resume"
 
 
 def require_runs(folder: Path, results: Mapping[str, Any], names: Sequence[str]) -> None:
@@ -64,7 +64,9 @@ def require_runs(folder: Path, results: Mapping[str, Any], names: Sequence[str])
         if held.count(name) != names.count(name):
             what = "is missing" if name not in held else "is there twice"
             what = what if name in names else "is not one of campaign.toml"
-            raise InputError(f"{folder / 'results.json'}: run '{name}' {what}; {_go_on(folder)}")
+            raise InputError(
+                f"{folder / 'results.json'}: run '{name}' {what}; {_go_on(folder, 'write the file again')}"
+            )
 
 
 def _require(table: Mapping[str, Any], kinds: Mapping[str, type], where: str) -> None:

@@ -15,6 +15,17 @@ from ffl.effects.mechanics import HUNG
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
+# What may act on a load that hangs on a spring which an effect has brought.
+BEHIND = frozenset(
+    {
+        "coulomb_friction",
+        "asymmetric_friction",
+        "stribeck_friction",
+        "presliding_friction",
+        "viscous_friction",
+        "quadratic_drag",
+    }
+)
 SAME = 1e-6  # of the largest: points nearer than this are one
 POINT = ("side", "mass_ratio")  # options that say where a force acts
 
@@ -84,6 +95,11 @@ def hangs(model: Model) -> bool:
     """Whether an effect hangs a load on a spring at a machine of one body: forces may act there as well."""
     whole = model.base.simulator.mechanics.modes
     return len(whole) == 1 and any(spec.name == HUNG for spec in model.acting)
+
+
+def behind_a_mode(model: Model, name: str) -> list[Place]:
+    """Where the effect `name` may act besides, if it may: the load that a mode hangs there."""
+    return [Place("force", "load")] if name in BEHIND and hangs(model) else []
 
 
 def of_the_machine(model: Model) -> list[Place]:

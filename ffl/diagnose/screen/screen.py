@@ -21,10 +21,10 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, jacobian
 from ffl.diagnose.hypothesis.places import (
     Place,
+    behind_a_mode,
     distinct_forces,
     drive_places,
     flow_places,
-    hangs,
     mass_is_corrected,
     places_of,
 )
@@ -82,18 +82,6 @@ BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels
 LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
 # Of a mass, which lags in a row do not have.
 INERTIAL = frozenset({"flexible_mode", "mass_change", "preloaded_spring"})
-
-# What may act on a load that hangs on a spring which an effect has brought.
-BEHIND = frozenset(
-    {
-        "coulomb_friction",
-        "asymmetric_friction",
-        "stribeck_friction",
-        "presliding_friction",
-        "viscous_friction",
-        "quadratic_drag",
-    }
-)
 
 
 Tables = dict[tuple[tuple[str, float], ...], Array]  # columns of one effect by what shapes them
@@ -266,9 +254,7 @@ class Screen:
             return []
         if mechanics.place is not None and effect.name in ABSOLUTE:
             return []  # the integral of a speed begins anew with every recording
-        out = places_of(self.model)
-        if effect.name in BEHIND and hangs(self.model):
-            out = [*out, Place("force", "load")]
+        out = places_of(self.model) + behind_a_mode(self.model, effect.name)
         kept = [p for p in out if p.side in effect.sides]
         if len(kept) > 1 and effect.default_side != "sensor":  # a drive's force is none of its
             kept = [p for p in kept if p.side != "sensor"]
