@@ -29,6 +29,7 @@ RANK_TOLERANCE = 1e-10
 FIRST = 10  # samples by which it is seen whether a recording begins at rest
 MOVES = 5.0  # times what y shakes by: so much drift in these is motion
 ROUNDING = 1e-6  # of its range: so little drift is none
+LONGEST = 300  # samples at the beginning that are left out
 LOOKS_BACK = 1e-6  # of its largest answer: what a function still says of a sample long past
 
 
@@ -193,7 +194,7 @@ def _beginning(basis: Basis, weight: StateSpace, n: int) -> Array:
     pulse[n // 2] = 1.0
     answer = np.max(np.abs(basis.regressors(pulse)), axis=1)
     late = np.flatnonzero(answer[n // 2 :] > LOOKS_BACK * answer.max())
-    reach = int(min(late[-1] if late.size else 0, n // 10)) + 1
+    reach = int(min(late[-1] if late.size else 0, n // 10, LONGEST)) + 1
     columns = _filtered(weight, np.eye(n, reach))
     return scipy.linalg.orth(columns)
 

@@ -80,7 +80,8 @@ def require_sample_time(basis: Basis, model: Plant) -> None:
     for part in basis.parts if isinstance(basis, SumBasis) else (basis,):
         if isinstance(part, Combination):
             require_sample_time(part.basis, model)
-        stated, wanted = part.sample_time, model.sample_time
+        wanted = model.sample_time
+        stated = getattr(part, "sample_time", wanted)  # a basis of one's own may have none
         if abs(stated / wanted - 1.0) > 1e-9 and not (part.in_samples and stated == UNSTATED):
             raise InputError(
                 f"basis {type(part).__name__} has sample_time = {stated:g} s, model '{model.name}' "

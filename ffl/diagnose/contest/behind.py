@@ -40,9 +40,7 @@ def behind_its_mode(
     modes = model.base.simulator.mechanics.modes
     if len(modes) != 1 or model.base.is_process or quiet.plain or quiet.observed or model.proven:
         return None
-    heard = (
-        quiet if current.held is None else current.held
-    )  # who stands was judged under this noise
+    heard = current.held or quiet  # under whose noise it was judged
     if raw_error(held, model) < LOUD * noise_error(held, heard):
         return None
     dry = next((e for e in model.effects if e.name in DRY), None)
