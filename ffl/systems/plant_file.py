@@ -26,7 +26,7 @@ from ffl.systems.zpk import Zpk
 Root = float | Annotated[list[float], Field(min_length=2, max_length=2)]
 Row = list[float]
 PLAIN = ("float", "int", "str", "bool")  # as pydantic names them among the members of a union
-MOST_DELAY = 1000  # samples; each is a state, and a loop's poles cost the cube of these
+MOST_DELAY = 3000  # samples; each is a state, and the poles of a loop of so many take 16 s
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
