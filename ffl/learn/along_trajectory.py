@@ -25,6 +25,7 @@ PLANNED_ROUNDS = 20
 PROBES = 1e-3, 1e-2, 5e-2
 SETTLED = 1e-3  # share of the criterion that a round must still bring
 SHORTEST = 1e-3  # of a Newton step, below which the criterion does not fall along it
+HALVINGS = 10  # of the way from there to twice as far, where a bound lies between
 BENDS = 5  # corrections of a step for the command's bend along it
 FEASIBLE = 1e-9  # violation of a bound that passes for none, relative to the bound
 
@@ -112,7 +113,8 @@ class AlongTrajectory:
         self.regressors, self.weights = self._problem.regressors, weights
         self._q = orthonormal(self.regressors).q
         self._model, self._simulator = model, Simulator(model)
-        self._last: tuple[tuple[float, bytes], Tangent, Tangent] | None = None
+        self._about = b""  # the feedforward that the tangents known are about
+        self._known: dict[float, tuple[Tangent, Tangent]] = {}  # by the difference step
 
     def output(self, feedforward: Array) -> Array:
         """Noise-free y of the model with `feedforward` (N,), NaN from where it diverges."""
@@ -223,15 +225,29 @@ class AlongTrajectory:
 
     def _along(self, here: _Point, step: Update, trial: _Trial) -> _Point | None:
         """The first of the step, its half, its quarter, ... that is better, or what comes after it for as
-        long as that is better still."""
-        best, share = None, 1.0
+        long as that is better still; from there up to a bound that twice as far would break."""
+
+        def at(share: float) -> _Point:
+            return self._at(here.theta + share * (step.theta - here.theta), trial)
+
+        best, reached, beyond, share = None, 0.0, False, 1.0
         while share > SHORTEST:
-            moved = self._at(here.theta + share * (step.theta - here.theta), trial)
+            moved = at(share)
             if moved.better_than(best or here):
-                best = moved
+                best, reached = moved, share
             elif best is not None:
                 break
+            else:
+                beyond = not moved.feasible
             share *= 0.5
+        if best is None or not (beyond and best.feasible):
+            return best
+        more = reached
+        for _ in range(HALVINGS):
+            more *= 0.5
+            moved = at(reached + more)
+            if moved.better_than(best):
+                best, reached = moved, reached + more
         return best
 
     def _bent(self, here: _Point, problem: NormOptimal, step: Update, trial: _Trial) -> Update:
@@ -262,11 +278,13 @@ class AlongTrajectory:
         return problem, problem.update(here.theta, here.error, here.command, trial.before)
 
     def _tangents(self, f: Array, share: float) -> tuple[Tangent, Tangent] | None:
-        """How y and u of the model answer about its trajectory under `f`, None without any command. The
-        last is kept: a trial begins where the update before it ended."""
-        key = share, f.tobytes()
-        if self._last is not None and self._last[0] == key:
-            return self._last[1:]
+        """How y and u of the model answer about its trajectory under `f`, None without any command. Those
+        of the last `f` are kept: a trial begins where the update before it ended."""
+        about = f.tobytes()
+        if about != self._about:
+            self._about, self._known = about, {}
+        if share in self._known:
+            return self._known[share]
         y, u = self._run(f)
         probe = share * max(float(np.linalg.norm(f)), float(np.linalg.norm(u)))
         if probe == 0.0:
@@ -274,7 +292,7 @@ class AlongTrajectory:
         runs = [self._run(f + probe * q) for q in self._q.T]
         output = Tangent(self._q, np.column_stack([(run[0] - y) / probe for run in runs]))
         command = Tangent(self._q, np.column_stack([(run[1] - u) / probe for run in runs]))
-        self._last = key, output, command
+        self._known[share] = output, command
         return output, command
 
 
