@@ -65,7 +65,6 @@ SMOOTHS = (
 BLIND = "the output turns back at zero: the sensor is blind to the sign"
 FOLD = 0.5  # of the squared error: what a sign-blind sensor must leave at most
 NO_WORSE = 1.1  # times it, where the recordings that are fitted, or that judge, show no folds
-RUNS_AWAY = 1.0 + 1e-6  # magnitude of a pole beyond rounding of one on the circle
 ANEW = 0.9  # of what it leaves before the stated linear part: then that is learned anew
 LOUDEST = 3.0  # times the stated noise: louder than an engineer can have been mistaken by
 GUESS = 1e-3  # of the command's size: force noise where none is stated
@@ -128,12 +127,11 @@ def _diagnose_output(
         [as_limited(model, r) for r in group] for group in (recordings, validation)
     )
     observed = needs_observer(model)
-    fastest = max((float(np.abs(pole)) for pole in model.loop.poles), default=0.0)
-    if model.controller is None and fastest > RUNS_AWAY:
-        notes.append(
-            f"the stated plant runs away by itself, {fastest:.6g} times a sample, and no controller is "
-            "stated: if the machine does not, mend the sign of that pole before anything else"
-        )
+    if model.controller is None:
+        try:
+            model.require_stable()
+        except InputError as error:
+            notes.append(f"{error}, or, where the machine does not run away, mend that pole's sign")
     if observed:
         _require_command(everything)
     say("checking the recordings: sound")

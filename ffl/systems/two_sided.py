@@ -12,6 +12,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ffl.errors import InputError
+from ffl.systems.checked import checked
 from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import CIRCLE_TOLERANCE, Zpk
 
@@ -147,9 +148,7 @@ def exact_inverse(
     for name, samples in (("before", before), ("after", after)):
         if samples is not None and (int(samples) != samples or samples < 0):
             raise InputError(f"exact_inverse: {name} = {samples}: give a whole number from 0 on")
-    x = np.asarray(reference, float)
-    if x.ndim != 1 or not x.size or not np.all(np.isfinite(x)):
-        raise InputError("exact_inverse: the reference must be a list of finite numbers")
+    x = checked(reference, "reference")
     inverse = plant.inverse()
     if np.any(np.abs(np.abs(inverse.poles) - 1.0) < CIRCLE_TOLERANCE):
         root = inverse.poles[int(np.argmin(np.abs(np.abs(inverse.poles) - 1.0)))]

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, noise_error, raw_error
+from ffl.diagnose.contest.judging import (
+    Judged,
+    credible,
+    judge,
+    levelled,
+    likeliest,
+    noise_error,
+    raw_error,
+)
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import DRY, KEEP, PLAINEST, level_of
@@ -53,7 +62,7 @@ def behind_its_mode(
     ended = [one for one in ended if credible(one)]
     if not ended:
         return None
-    best, stands = levelled([max(ended, key=lambda one: one.score), current])
+    best, stands = levelled([likeliest(ended), current])
     say(f"  {best.name}, at the load: {best.score - stands.score:+.1f}")
     return best if best.score > stands.score + KEEP else None
 
@@ -83,10 +92,7 @@ def _level(quiet: Scene, model: Model) -> float:
 
 
 def _start(model: Model, level: float, mode: dict[str, float]) -> Model:
-    bare = model
-    while bare.effects:
-        bare = bare.without(len(bare.effects) - 1)
-    hung = bare.with_effect(EffectSpec(HUNG, mode, {}))
+    hung = replace(model, effects=()).with_effect(EffectSpec(HUNG, mode, {}))
     return hung.with_effect(EffectSpec(PLAINEST, {"level": level}, {"side": "load"}))
 
 

@@ -62,13 +62,17 @@ def left_alone(beside: FreeForm, nominal: Model) -> FreeForm | None:
     there. (Alone in the model as it is stated nothing else bends but its numbers: with the damping of a
     motor that fades with heat at -22 times the stated one no map took anything off.)"""
     corrections = {**nominal.corrections, **beside.free.model.corrections}
-    free = FreeModel(replace(nominal, corrections=corrections), beside.parts)
-    found = stepped(FreeScreen(beside.scene, free), free, ROUNDS)
+    return _from_there(beside, FreeModel(replace(nominal, corrections=corrections), beside.parts))
+
+
+def _from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:
+    """`free` fitted on to the recordings of `like`; None where it leaves all bounds."""
+    found = stepped(FreeScreen(like.scene, free), free, ROUNDS)
     if found is None:
         return None
     free, now, _ = found
-    alone = judged(beside.scene, beside.held, free, beside.evidence, now.white)
-    return None if alone is None else replace(alone, ranking=beside.ranking)
+    ended = judged(like.scene, like.held, free, like.evidence, now.white)
+    return None if ended is None else replace(ended, ranking=like.ranking)
 
 
 def with_the_stated_mass(alone: FreeForm) -> FreeForm:
@@ -88,14 +92,10 @@ def with_the_stated_mass(alone: FreeForm) -> FreeForm:
         name: (whole[name] + value) / k - whole[name] if name in whole else value
         for name, value in free.model.corrections.items()
     }
-    other = FreeModel(replace(free.model, corrections=numbers), (taken,))
-    found = stepped(FreeScreen(alone.scene, other), other, ROUNDS)
-    if found is None:
-        return alone
-    same = judged(alone.scene, alone.held, found[0], alone.evidence, found[1].white)
+    same = _from_there(alone, FreeModel(replace(free.model, corrections=numbers), (taken,)))
     if same is None or same.cost > ALIKE * alone.cost or same.held_cost > ALIKE * alone.held_cost:
         return alone
-    return replace(same, ranking=alone.ranking, alike=alone.alike, untold=alone.untold)
+    return replace(same, alike=alone.alike, untold=alone.untold)
 
 
 def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:

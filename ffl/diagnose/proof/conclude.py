@@ -58,10 +58,10 @@ IMPLAUSIBLE = 5.0  # times a mass or a gain: no machine is so far from its model
 MOST = (
     0.5  # of the nrmse before: where no noise is stated, nobody knows that more than this is noise
 )
-DELAY, LOGGED = (
-    "input_delay",
+DELAY = "input_delay"
+LOGGED = (
     "a u that was logged as much before y looks the same where no controller is stated: see that both "
-    "columns have one clock",
+    "columns have one clock"
 )
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 PARTED = 3.0  # times the nrmse of the model alone
@@ -207,9 +207,8 @@ def conclude(
             heard = () if said == "unnamed" else told
             experiment = plan(standing.scene, standing.fit, outcome, nameless, heard)
     moved = corrections(standing) if bare is standing.model else ()
-    if (
-        maps
-    ):  # the formula is said of that machine, also where the map alone stands and no file holds it
+    # The formula is said of that machine, also where the map alone stands and no file holds it.
+    if maps:
         moved = beside_maps(bare)
     elif said == "inconclusive":
         moved = ()

@@ -18,7 +18,7 @@ from ffl.diagnose.recorded.compared import factor_of
 from ffl.recordings import Recording
 from ffl.recordings.jumps import missing_findings
 from ffl.systems.plant import Plant
-from ffl.systems.state_space import Array, StateSpace
+from ffl.systems.state_space import Array
 from ffl.systems.zpk import as_state_space
 
 CONSISTENT = 0.02  # of the command's RMS
@@ -128,7 +128,7 @@ class _Equation:
         self.output = as_state_space(plant.controller.output)
         self.by_r = np.atleast_1d(reference.filter(recording.r[:n]))
         self.by_y = np.atleast_1d(self.output.filter(self.y))
-        self.free = _free(plant.controller.state_space, n)
+        self.free = plant.controller.state_space.free_response(n)
         self.size = float(np.sqrt(np.mean(self.u**2))) or 1.0
         self.kept = ~at_limit(self.u, limit)
         # What goes beyond the limit was recorded before it, or in another unit.
@@ -162,17 +162,6 @@ class _Equation:
 def stated_ratio(plant: Plant, recording: Recording) -> float:
     """RMS of u - f - C_r r + C_y y over that of u, with the stated controller."""
     return _Equation(plant, recording).stated()[0]
-
-
-def _free(system: StateSpace, n: int) -> Array:
-    out = np.zeros((n, system.order))
-    row = system.c[0].copy()
-    for k in range(n):
-        out[k] = row
-        row = row @ system.a
-        if not np.abs(row).max(initial=0.0) > 1e-12:
-            break
-    return out
 
 
 def _against_controller(
