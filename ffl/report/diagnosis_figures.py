@@ -19,6 +19,7 @@ from ffl.effects.position_dependent_friction import drawn_out
 from ffl.report.page import COLOURS
 
 POINTS = 2000  # most points of a curve
+LINEAR = 30.0  # log-likelihood up to which bars are drawn to scale
 
 
 def mismatch_map(ax: Axes, m: Map, title: str, top: float) -> Axes:
@@ -101,9 +102,8 @@ def separations(ax: Axes, e: Experiment) -> Axes:
     colours = [COLOURS[2] if text == e.text else COLOURS[5] for text, _ in tried]
     ax.barh(at, [value for _, value in tried], color=colours)
     ax.set_yticks(at, [text.split(":")[0] for text, _ in tried], fontsize=8)
-    ax.set_xlabel(
-        "separation [standard deviations]" if e.rivals[1] else "standard error falls by [factor]"
-    )
+    said = "separation [standard deviations]" if e.rivals[1] else "standard error falls by [factor]"
+    ax.set_xlabel(said, loc="right")  # it is wider than its axes
     return ax
 
 
@@ -154,7 +154,8 @@ def ladder(ax: Axes, step: Step) -> Axes:
     ax.barh(at + 0.2, fitted, 0.38, color=COLOURS[0], label="fitted")
     ax.barh(at - 0.2, held, 0.38, color=COLOURS[1], label="held out")
     ax.set_yticks(at, names)
-    ax.set_xscale("symlog", linthresh=30.0)
+    if max(map(abs, (*fitted, *held)), default=0.0) > LINEAR:
+        ax.set_xscale("symlog", linthresh=LINEAR)
     ax.axvline(0.0, color=COLOURS[6], linewidth=0.8)
     ax.set_xlabel("log-likelihood gained")
     ax.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))  # above: bars fill the axes
