@@ -141,8 +141,10 @@ class Model:
         return min(MOST_SUBSTEPS, needed) if stiff else needed
 
     def resettled(self) -> Model:
-        """The same numbers with the sub-steps they ask for."""
-        return replace(self)
+        """The same numbers, free as they are, with the sub-steps they ask for."""
+        other = replace(self)
+        object.__setattr__(other, "coordinates", self.coordinates)
+        return other
 
     def beyond(self) -> Model:
         """The model with the same way to go once more from where it is, if a length, a time or an exponent

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
 from numpy.random import Generator
 
 from ffl.diagnose.contest.judging import Judged
@@ -253,18 +254,16 @@ def conclude(
 
 
 def within_a_turn(model: Model) -> Model:
-    """The same machine with the phases that were found told between -pi and pi."""
-    effects = []
-    for spec in model.effects:
-        angles = {
-            name: math.remainder(value, 2.0 * math.pi)
-            for name, value in spec.parameters.items()
-            if EFFECTS[spec.name].parameter(name).unit == "rad"
-        }
-        effects.append(replace(spec, parameters={**spec.parameters, **angles}))
-    other = replace(model, effects=tuple(effects))
-    object.__setattr__(other, "substeps", model.substeps)
-    return other
+    """The same machine with the phases that were found told between -pi and pi, its free numbers by the
+    same coordinates: errors are in their units."""
+    theta = model.theta.copy()
+    for k, c in enumerate(model.coordinates):
+        if (
+            c.kind == "effect"
+            and EFFECTS[model.effects[c.effect].name].parameter(c.name).unit == "rad"
+        ):
+            theta[k] = math.remainder(theta[k], 2.0 * math.pi)
+    return model if np.array_equal(theta, model.theta) else model.at(theta)
 
 
 def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:

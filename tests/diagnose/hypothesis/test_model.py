@@ -190,6 +190,24 @@ def test_a_phase_is_told_within_a_turn():
     }
 
 
+def test_a_number_that_came_off_zero_keeps_its_unit():
+    """What is fitted as it is, from none on, is a logarithm to a model made of it anew: its error was told
+    that many times too small, and a fit that settled its sub-steps went on at exp(0.02)."""
+    friction = {"level": 2.0, "stiffness": 1e5, "micro_damping": 0.0}
+    ripple = {"amplitude": 1e-6, "period": 1e-3, "phase": 7.0}
+    effects = (EffectSpec("presliding_friction", friction), EffectSpec("encoder_ripple", ripple))
+    model = Model(Base.of(load_plant("emps"), travel=0.2), effects=effects)
+    at = [c.name for c in model.coordinates].index("micro_damping")
+    theta = model.theta.copy()
+    theta[at] = 3.0
+    off = model.at(theta)
+    assert not model.coordinates[at].log
+    assert replace(off).coordinates[at].log  # what it would be anew
+    for same in (off.resettled(), within_a_turn(off)):
+        assert same.coordinates == model.coordinates
+        assert same.at(same.theta).effects[0].parameters["micro_damping"] == pytest.approx(3.0)
+
+
 @pytest.mark.parametrize(
     "stated",
     [
