@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
+from ffl.diagnose.contest.by_own_noise import by_own_noise
 from ffl.diagnose.contest.chance import without_chance
 from ffl.diagnose.contest.judging import judge, raw_error
 from ffl.diagnose.contest.line import across_the_line, against_the_refused, released
@@ -277,7 +278,7 @@ def _named(
         standing = without_unneeded(held, let_free(held, standing))
     standing = with_modes_heard(held, standing)
     if not standing.predicted:
-        standing = released(restrained(held, standing))
+        standing = by_own_noise(held, released(restrained(held, standing)))
     held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from ffl.diagnose.contest import unneeded
-from ffl.diagnose.contest.judging import judge, levelled
+from ffl.diagnose.contest.earning import stays
+from ffl.diagnose.contest.judging import PER_NUMBER, judge, levelled
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.unneeded import sureness, without_unneeded
 from ffl.systems.plant import EffectSpec
@@ -43,6 +44,18 @@ def test_luck_on_what_judges_keeps_nobody(seen):
     whole, left = levelled([lucky, bare])
     assert whole.score > left.score
     assert without_unneeded(held, lucky).model.names == (FRICTION.name, LOAD.name)
+
+
+@pytest.mark.parametrize(("fitted", "who_stays"), [(6.0, True), (2.0, False)])
+def test_who_is_told_a_little_by_both_stays(seen, fitted, who_stays):
+    """Half of what coming in asks is enough to stay, not less: 8 nats of both are asked of who comes."""
+    scene, held, model = seen
+    found = judge(scene, held, replace(model, effects=(NOTHING, FRICTION, LOAD)), 10)
+    bare = judge(scene, held, replace(model, effects=(FRICTION, LOAD)), 10)
+    charged = PER_NUMBER * (found.freedom - bare.freedom)
+    told = replace(found, fitted=bare.fitted + charged + fitted, held_white=0.97 * found.held_white)
+    assert not stays(told, bare, 0.0)
+    assert (without_unneeded(held, told) is told) == who_stays
 
 
 def test_one_stays_in_any_case_and_so_does_what_was_seen_directly(seen):
