@@ -212,7 +212,7 @@ def _named(
         return tuple(replace(trial, folded=seen.folded) for trial in made)
 
     trials, judging = ready(short), ready(short_held)
-    scene = Scene(model.loop, trials, prior, floor, not shared_clock(everything))
+    scene = Scene(base.loop, trials, prior, floor, not shared_clock(everything))
     if seen.observed:
         scene = replace(scene, slowest=seen.slowest, observed=True)
     elif model.machine.states_noise:
@@ -278,7 +278,7 @@ def _named(
         standing = without_unneeded(held, let_free(held, standing))
     standing = with_modes_heard(held, standing)
     if not standing.predicted:
-        standing = by_own_noise(held, released(restrained(held, standing)))
+        standing = released(by_own_noise(held, restrained(held, standing)))
     held = with_starts(held.like(standing.scene), standing.model)
     own = held.trials
     if told.base is not base:  # the states of the model's own linear part are others

@@ -261,6 +261,10 @@ class Effect:
         with speed runs away within a step if the step is long."""
         return 0.0
 
+    def comes_first(self, spec: EffectSpec) -> bool:
+        """Whether it changes the linear part before the others add to that."""
+        return False
+
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         """The linear part with the effect in it; unchanged where `law` does the work."""
         return mechanics

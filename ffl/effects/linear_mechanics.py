@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -20,9 +21,18 @@ def mechanics_with_effects(plant: Plant) -> Mechanics:
     """Continuous-time mechanics of `plant.system`, changed in turn by every effect that has a
     `modify` (mass, damping, stiffness, a hung mode); the rest of the effects leave it alone."""
     mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
-    for spec in plant.effects:
-        mechanics = _with(mechanics, plant, spec)
+    for k in in_turn(plant.effects):
+        mechanics = _with(mechanics, plant, plant.effects[k])
     return mechanics
+
+
+def in_turn(effects: Sequence[EffectSpec]) -> list[int]:
+    """Places of `effects` in the order in which they change the linear part, whatever order they are in."""
+    from ffl.effects import effect_of
+
+    return sorted(
+        range(len(effects)), key=lambda k: not effect_of(effects[k]).comes_first(effects[k])
+    )
 
 
 def as_seen(plant: Plant, count: int) -> Plant:
@@ -31,8 +41,9 @@ def as_seen(plant: Plant, count: int) -> Plant:
     from ffl.effects import effect_of
 
     mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
-    told = []
-    for spec in plant.effects[:count]:
+    told = list(plant.effects)
+    for k in in_turn(plant.effects[:count]):
+        spec = told[k]
         whole = _with(mechanics, plant, spec)
         other = effect_of(spec).seen(spec, whole)
         if other is not spec:
@@ -40,9 +51,9 @@ def as_seen(plant: Plant, count: int) -> Plant:
                 same = _with(mechanics, plant, other)
                 if np.allclose(same.a, whole.a, rtol=SAME, atol=SAME * np.abs(whole.a).max()):
                     spec, whole = other, same
-        told.append(spec)
+        told[k] = spec
         mechanics = whole
-    return replace(plant, effects=(*told, *plant.effects[count:]))
+    return replace(plant, effects=tuple(told))
 
 
 def _with(mechanics: Mechanics, plant: Plant, spec: EffectSpec) -> Mechanics:

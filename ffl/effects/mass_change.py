@@ -6,7 +6,7 @@ import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.mechanics import Mechanics
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 
@@ -22,6 +22,10 @@ class MassChange(Effect):
     sides = (*Effect.sides, "all")
     depends_on = ("acceleration",)
     siblings = ("viscous_friction", "flexible_mode", "position_dependent_gain")
+
+    def comes_first(self, spec: EffectSpec) -> bool:
+        """A mass that changes everywhere leaves friction and springs, whoever adds them, what they are."""
+        return spec.options.get("side") == "all"
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         if self.side_in(setting) == "all":

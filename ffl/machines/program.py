@@ -56,7 +56,10 @@ class Compiler:
         effects = [*effects, *(spec for _, spec in others)]
         checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
         mechanics, changes = self._mechanics, []
-        for effect, spec, values in zip(catalogue, effects, checked, strict=True):
+        for k in sorted(
+            range(len(effects)), key=lambda k: not catalogue[k].comes_first(effects[k])
+        ):
+            effect, spec, values = catalogue[k], effects[k], checked[k]
             changed = effect.modify(mechanics, values, self._setting(mechanics, spec))
             if changed is not mechanics:
                 mechanics = changed

@@ -89,12 +89,14 @@ def turns(x: Array, turn: float) -> Array:
 
 
 def unwrapped(recording: Recording, turn: float) -> tuple[Recording, int]:
-    """(the recording with r and y going on where they start again, how often one of them does); y begins
-    within half a turn of r, where there is one."""
+    """(the recording with r, y and y_load going on where they start again, how often one of them does); y
+    begins within half a turn of r, where there is one, and y_load of y."""
     out, often = {}, 0
-    for name in ("r", "y"):
+    for name in ("r", "y", "y_load"):
+        if name in recording.missing or getattr(recording, name) is None:
+            continue
         x = np.asarray(getattr(recording, name))
-        at = turns(x, turn) if name not in recording.missing else np.zeros(0, dtype=int)
+        at = turns(x, turn)
         if len(at):
             back = np.zeros(len(x))
             back[at] = turn * np.round((x[at] - x[at - 1]) / turn)
@@ -106,4 +108,7 @@ def unwrapped(recording: Recording, turn: float) -> tuple[Recording, int]:
     if not mended.is_open_loop and "r" not in mended.missing:
         apart = turn * np.round((mended.r[0] - mended.y[0]) / turn)
         mended = replace(mended, y=mended.y + apart)
+    if mended.y_load is not None:
+        apart = turn * np.round((mended.y[0] - mended.y_load[0]) / turn)
+        mended = replace(mended, y_load=mended.y_load + apart)
     return mended, often

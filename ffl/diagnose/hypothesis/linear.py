@@ -30,6 +30,7 @@ import scipy.linalg
 from ffl.effects.cascade import lags
 from ffl.effects.mechanics import Mechanics, Mode
 from ffl.machines.simulator import Simulator
+from ffl.systems.loop import Loop, closed_loop
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace, series
 from ffl.systems.zpk import Zpk
@@ -144,8 +145,7 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
         if i == 0:
             new_d = (damping + values.get("damping", 0.0)) * gain
             new_k = stiffness * (1.0 + changed_stiffness(mechanics, values)) * gain
-            bound = "stiffness" in values or APART in values
-            if bound and len(lags(mechanics)):  # a process has a gain, not a mass
+            if APART in values:  # a process has a gain, not a mass
                 new_d, new_k = new_d / gain, new_k / gain
         else:
             w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)
@@ -248,6 +248,20 @@ def discrete(mechanics: Mechanics) -> StateSpace:
         line = Zpk(np.zeros(0), np.zeros(0), 1.0, step, mechanics.delay).state_space()
         slow = series(line, slow)
     return slow
+
+
+def loop_by_states(plant: Plant, simulator: Simulator) -> Loop:
+    """The loop of `plant`, its states in the order of the simulator's start vector: the plant's, its delay
+    line from the command that is due, the controller's."""
+    mechanics, n = simulator.mechanics, simulator.n_plant
+    if mechanics.exact is not None and not mechanics.fast.order and not mechanics.delay:
+        return plant.loop
+    whole, delay = discrete(mechanics), mechanics.delay
+    at = np.concatenate([np.arange(delay, delay + n), np.arange(delay)[::-1]])
+    states = StateSpace(
+        whole.a[np.ix_(at, at)], whole.b[at], whole.c[:, at], whole.d, whole.sample_time
+    )
+    return closed_loop(states, plant.controller)
 
 
 def corrected_plant(plant: Plant, mechanics: Mechanics, values: Mapping[str, float]) -> Plant:

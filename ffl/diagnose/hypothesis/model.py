@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.linear import (
     Correction,
     corrected_plant,
     corrections_of,
+    loop_by_states,
     simulator_with,
 )
 from ffl.diagnose.predict.as_sent import as_sent
@@ -24,6 +25,7 @@ from ffl.effects.cascade import lags
 from ffl.errors import InputError
 from ffl.machines.program import Program
 from ffl.machines.simulator import Simulation, Simulator
+from ffl.systems.loop import Loop
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
@@ -82,6 +84,11 @@ class Base:
     def unlimited(self) -> Base:
         """What stands behind the drive."""
         return replace(self, limit=None)
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The stated loop by the simulator's states: what is open of a start is laid on them."""
+        return loop_by_states(self.plant, self.simulator)
 
     @property
     def is_process(self) -> bool:
@@ -142,8 +149,7 @@ class Model:
 
     def resettled(self) -> Model:
         """The same numbers, free as they are, with the sub-steps they ask for."""
-        other = replace(self)
-        object.__setattr__(other, "coordinates", self.coordinates)
+        object.__setattr__(other := replace(self), "coordinates", self.coordinates)
         return other
 
     def beyond(self) -> Model:

@@ -86,7 +86,9 @@ def principal_steps(
     for k in range(len(theta)):
         ahead = np.all((theta + steps[:, k] <= upper) & (theta + steps[:, k] >= lower))
         steps[:, k] *= 1.0 if ahead else -1.0
-    return steps[:, chosen]
+    # As far as there are numbers: a step that was cut short may not be counted in full.
+    steps = np.clip(theta[:, None] + steps, lower[:, None], upper[:, None]) - theta[:, None]
+    return steps[:, chosen & np.any(steps != 0.0, axis=0)]
 
 
 def _telling(values: Array, seen: Array, damping: float) -> Array:

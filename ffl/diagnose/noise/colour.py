@@ -24,10 +24,10 @@ def loop_of(model: Model) -> Loop:
     laid on others)."""
     plant = model.base.plant
     if model.base.simulator.mechanics.delay:
-        return plant.loop
+        return model.base.loop
     other = corrected_plant(plant, model.base.simulator.mechanics, dict(model.corrections))
     radius = [float(np.abs(one.loop.poles).max(initial=0.0)) for one in (other, plant)]
-    return other.loop if radius[0] <= max(1.0, radius[1]) + ROUNDING else plant.loop
+    return other.loop if radius[0] <= max(1.0, radius[1]) + ROUNDING else model.base.loop
 
 
 def colouring(model: Model, left: float) -> Loop:
@@ -38,7 +38,7 @@ def colouring(model: Model, left: float) -> Loop:
     is stated all that is left passes for it, and nobody knows."""
     known = model.base.plant.machine.states_noise
     beside = mistaken(model) and (left > NOISE_ALONE or not known)
-    return model.base.plant.loop if is_far(left, 1) or beside else loop_of(model)
+    return model.base.loop if is_far(left, 1) or beside else loop_of(model)
 
 
 def mistaken(model: Model) -> bool:

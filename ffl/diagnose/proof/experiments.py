@@ -9,6 +9,7 @@ import numpy as np
 
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.recorded.trials import Trial
+from ffl.effects import is_speed
 from ffl.systems.references import Move, move_times, moves, multisine
 from ffl.systems.state_space import Array
 
@@ -17,7 +18,19 @@ LONGEST = 10.0  # s, or
 LEAST = 2000  # samples
 STOOD = 0.01  # of half its stroke: what a machine that stands still moves by in a recording
 STROKES, STARTS = 4.0, 20.0  # such a machine moves that often in a recording
+SHARES = (
+    1.0,
+    0.5,
+    0.25,
+    0.1,
+    0.05,
+)  # of the stroke: the largest on which all moves of a design fit
 SLOWEST = 4.0  # periods of a multisine's lowest line
+
+
+REVERSALS = [  # hops in shares of half the stroke: to and fro at three places, and back
+    hop for place in (-0.6, 0.6, 0.6) for hop in (place, 0.05, -0.1, 0.1, -0.05)
+] + [-0.6]
 
 
 @dataclass(frozen=True)
@@ -42,11 +55,16 @@ class Limits:
 
 
 def limits(model: Model, trials: Sequence[Trial]) -> Limits:
-    """Read off the recordings, speed and acceleration off their noise-free simulation."""
+    """Read off the recordings, speed and acceleration (of an output that is a speed itself: its first and
+    second derivative) off their noise-free simulation."""
     runs = [model.simulate(trial) for trial in trials]
     step = trials[0].sample_time
-    v = np.concatenate([run.v for run in runs])
-    a = np.concatenate([np.gradient(run.v, step) for run in runs])
+    speeds = [
+        np.gradient(run.y, step) if is_speed(model.base.plant.output_unit) else run.v
+        for run in runs
+    ]
+    v = np.concatenate(speeds)
+    a = np.concatenate([np.gradient(speed, step) for speed in speeds])
     u = np.concatenate([t.u[np.isfinite(t.u)] for t in trials])
     if not len(u):
         u = np.concatenate([run.u for run in runs])
@@ -77,28 +95,47 @@ def closed_loop_designs(lim: Limits, step: float) -> Iterator[Design]:
     if v * lim.duration < STOOD * half or a * lim.duration < v:  # it was told to stand still
         v = STROKES * half / lim.duration
         a = STARTS * v / lim.duration
-    ladder = _strokes([0.25 * half, 0.5 * half, half], v, a, step)
-    yield Design("an amplitude ladder: the same move at a quarter, half and full stroke", ladder)
-    yield Design(
-        "slow ramps at 5 % of the highest speed",
-        _strokes([0.3 * half], 0.05 * v, a, step, lim.duration),
+    ladder = (0.25, 0.5, 1.0)
+    longest = max(LONGEST, lim.duration)
+
+    def fitting(
+        text: str, *parts: tuple[Sequence[float], float], heavier: float = 0.0
+    ) -> Iterator[Design]:
+        """One after the other, hops in shares of half the stroke at their speed, on as much of it as they
+        all fit in."""
+        for share in SHARES:
+            each = [
+                _hops([share * half * hop for hop in hops], speed, a, step, longest)
+                for hops, speed in parts
+            ]
+            if all(len(one) for one in each):
+                on = "" if share == 1.0 else f", on {100 * share:.3g} % of the stroke"
+                yield Design(text + on, np.concatenate(each), heavier)
+                return
+
+    yield from fitting(
+        "an amplitude ladder: the same move at a quarter, half and full stroke",
+        (_there_and_back(ladder), v),
     )
-    yield Design(
-        "short reversals at slow speed, places along the stroke",
-        _reversals(half, 0.1 * v, a, step, lim.duration),
+    yield from fitting("slow ramps at 5 % of the highest speed", (_there_and_back([0.3]), 0.05 * v))
+    yield from fitting(
+        "short reversals at slow speed, places along the stroke", (REVERSALS, 0.1 * v)
     )
-    yield Design("the full stroke at half speed", _strokes([half], 0.5 * v, a, step))
-    yield Design(
+    yield from fitting("the full stroke at half speed", (_there_and_back([1.0]), 0.5 * v))
+    yield from fitting(
         "constant speeds and the highest acceleration in turn",
-        np.concatenate([_strokes([half], 0.3 * v, a, step), _strokes([half], v, a, step)]),
+        (_there_and_back([1.0]), 0.3 * v),
+        (_there_and_back([1.0]), v),
     )
     for share in (0.02, 0.1, 0.4):
         band = _band(share, lim, step)
         yield Design(
             f"a multisine from {band[0]:.3g} to {band[1]:.3g} Hz", _multisine(band, lim, step)
         )
-    yield Design(
-        "the amplitude ladder with a known mass added (0.3 of the moving one)", ladder, 0.3
+    yield from fitting(
+        "the amplitude ladder with a known mass added (0.3 of the moving one)",
+        (_there_and_back(ladder), v),
+        heavier=0.3,
     )
 
 
@@ -132,50 +169,32 @@ def _band(share: float, lim: Limits, step: float) -> tuple[float, float]:
     return low, max(4.0 * low, share / step / 2)
 
 
-def _strokes(
-    halves: Sequence[float],
-    speed: float,
-    acceleration: float,
-    step: float,
-    longest: float = LONGEST,
-) -> Array:
-    """To each amplitude on either side and back."""
-    hops = [d for h in halves for d in (h, -2 * h, h)]
-    return _hops(hops, speed, acceleration, step, longest)
-
-
-def _reversals(
-    half: float, speed: float, acceleration: float, step: float, longest: float
-) -> Array:
-    hops: list[float] = []
-    short = 0.05 * half
-    for place in (-0.6 * half, 0.6 * half, 0.6 * half):
-        hops += [place, short, -2 * short, 2 * short, -short]
-    return _hops([*hops, -0.6 * half], speed, acceleration, step, longest)
+def _there_and_back(amplitudes: Sequence[float]) -> list[float]:
+    """Hops to each amplitude on either side and back."""
+    return [hop for h in amplitudes for hop in (h, -2 * h, h)]
 
 
 def _hops(
     hops: Sequence[float], speed: float, acceleration: float, step: float, longest: float
 ) -> Array:
-    """Moves one after the other, as many as fit."""
+    """Moves one after the other, (0,) where they do not all fit in `longest`."""
     at, out = REST, []
     jerk = acceleration / max(10 * step, 0.02)
     for hop in hops:
-        move = Move(at, hop, speed, acceleration, jerk)
-        took = sum(np.ceil(t / step) for t in move_times(move)) * step
-        if at + took + REST > longest and out:
-            break
-        out.append(Move(round(at / step) * step, hop, speed, acceleration, jerk))
-        at += took + REST
+        move = Move(round(at / step) * step, hop, speed, acceleration, jerk)
+        at += sum(np.ceil(t / step) for t in move_times(move)) * step + REST
+        if at > longest:
+            return np.zeros(0)
+        out.append(move)
     return moves(out, at + REST, step)
 
 
 def _multisine(band: tuple[float, float], lim: Limits, step: float) -> Array:
     """As large as stroke, speed and acceleration allow."""
     wave = multisine(band, 1.0, lim.duration, step, np.random.default_rng(0), rest=REST, taper=REST)
-    v = np.gradient(wave, step)
     share = min(
-        0.48 * lim.stroke / np.abs(wave).max(), lim.speed / np.abs(v).max(),
-        lim.acceleration / np.abs(np.gradient(v, step)).max(),
-    )  # fmt: skip
+        0.48 * lim.stroke / np.abs(wave).max(),
+        lim.speed * step / np.abs(np.diff(wave)).max(),
+        lim.acceleration * step**2 / np.abs(np.diff(wave, 2)).max(),
+    )
     return wave * share

@@ -20,6 +20,7 @@ from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
+BLOCKS = 20  # of a recording, drawn with replacement
 LOUDER = 2.0  # times all that is left: an estimate of noise beyond it has taken physics for noise
 
 
@@ -196,17 +197,19 @@ def _paths(scene: Scene) -> Paths:
 def _interval(
     errors: Sequence[tuple[Array, Array]], scale: float, rng: Generator, draws: int = 400
 ) -> tuple[float, float]:
-    """Blocks of a twentieth of a recording, drawn with replacement, the same for both models."""
-    before, after = [], []
+    """Blocks of a twentieth of a recording, drawn with replacement, the same for both models; each counts
+    by its samples, as in the figures themselves."""
+    before, after, sizes = [], [], []
     for a, b in errors:
-        n = max(1, len(a) // 20)
-        m = len(a) // n
-        before.append((a[: m * n] ** 2).reshape(m, n).mean(axis=1))
-        after.append((b[: m * n] ** 2).reshape(m, n).mean(axis=1))
-    first, second = np.concatenate(before), np.concatenate(after)
+        blocks = min(BLOCKS, len(a))
+        before += [np.sum(part**2) for part in np.array_split(a, blocks)]
+        after += [np.sum(part**2) for part in np.array_split(b, blocks)]
+        sizes += [len(part) for part in np.array_split(a, blocks)]
+    first, second, samples = np.array(before), np.array(after), np.array(sizes)
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         return (float("-inf"), float("inf"))
     index = rng.integers(len(first), size=(draws, len(first)))
-    change = np.sqrt(second[index].mean(axis=1)) - np.sqrt(first[index].mean(axis=1))
-    low, high = np.quantile(change, [0.025, 0.975]) / scale
+    whole = samples[index].sum(axis=1)
+    left = [np.sqrt(one[index].sum(axis=1) / whole) for one in (first, second)]
+    low, high = np.quantile(left[1] - left[0], [0.025, 0.975]) / scale
     return float(low), float(high)

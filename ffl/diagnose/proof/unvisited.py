@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ffl.diagnose.recorded.trials import Trial
-from ffl.effects import EFFECTS
+from ffl.effects import EFFECTS, is_speed
 from ffl.systems.state_space import Array
 
 MARGIN = 0.02  # of what the fitted recordings cover: as near is as good as within
@@ -18,10 +18,12 @@ def unvisited(
     names: Iterable[str], fitted: Sequence[Trial], held: Sequence[Trial], unit: str
 ) -> str | None:
     """A sentence on the share of the `held` samples at positions, or speeds, that the `fitted` recordings
-    do not reach, where an effect of `names` depends on these; None where there are hardly any."""
+    do not reach, where an effect of `names` depends on these; None where there are hardly any. Of an output
+    that is a speed itself, that; where such a machine was nobody knows."""
     depends = {variable for name in names for variable in EFFECTS[name].depends_on}
     parts = []
-    for variable, of, per in (("position", _position, ""), ("velocity", _speed, "/s")):
+    seen = (("position", _output, ""), ("velocity", _slope, "/s"))
+    for variable, of, per in (("velocity", _output, ""),) if is_speed(unit) else seen:
         if variable not in depends:
             continue
         known, there = (np.concatenate([of(trial) for trial in group]) for group in (fitted, held))
@@ -39,11 +41,11 @@ def unvisited(
     )
 
 
-def _position(trial: Trial) -> Array:
+def _output(trial: Trial) -> Array:
     return trial.y
 
 
-def _speed(trial: Trial) -> Array:
+def _slope(trial: Trial) -> Array:
     """Of the measured motion, over a hundredth of the recording at least: noise has no speed to tell."""
     wide = max(1, len(trial.y) // 100)
     return np.asarray((trial.y[wide:] - trial.y[:-wide]) / (wide * trial.sample_time))

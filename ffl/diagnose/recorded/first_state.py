@@ -114,6 +114,7 @@ def _beside(simulator: Simulator, u: Array) -> Array | float:
 
 
 def _ordering(simulator: Simulator) -> Array:
-    """Where the states of `discrete(mechanics)` stand in the simulator's start vector."""
+    """Where the states of `discrete(mechanics)` stand in the simulator's start vector: its delay line has
+    the latest command first, the simulator's ring the one that is due."""
     n, delay = simulator.n_plant, simulator.mechanics.delay
-    return np.concatenate([np.arange(n, n + delay), np.arange(n)])
+    return np.concatenate([np.arange(n, n + delay)[::-1], np.arange(n)])

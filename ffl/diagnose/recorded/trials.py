@@ -89,17 +89,18 @@ class Trial:
         """The command held until the first sample, as near as it is known: the first one, input
         units; none where the drive was off. A machine that holds a spring has had it for long."""
         known = 0.0 if self.off else self.held
-        return self._driven(1) if known is None else known
+        return float(self._command[0]) if known is None else known
 
     @property
     def holding(self) -> float:
-        """The same in the mean over the first samples: noise left out."""
-        return self._driven(max(8, min(40, len(self) // 50)))
-
-    def _driven(self, rows: int) -> float:
-        command = self.u if np.isfinite(self.u[0]) else self.feedforward
+        """What drives the machine, a known load too, in the mean over the first samples: noise left out."""
+        rows = first_rows(len(self))
         load = 0.0 if self.load is None else self.load[:rows]
-        return float(np.mean(command[:rows] + load))
+        return float(np.mean(self._command[:rows] + load))
+
+    @property
+    def _command(self) -> Array:
+        return self.u if np.isfinite(self.u[0]) else self.feedforward
 
     @cached_property
     def largest(self) -> float:
@@ -206,7 +207,7 @@ def commanded(plant: Plant, recording: Recording) -> Recording:
 
 def starts_at_rest(recording: Recording) -> bool:
     """The reference (the command in open loop) holds still at first, and so does y."""
-    rows = max(8, min(40, len(recording) // 50))
+    rows = first_rows(len(recording))
     drive = recording.f if recording.is_open_loop else recording.r
     scale = np.ptp(drive)
     if np.ptp(drive[:rows]) > 1e-6 * max(scale, 1e-300):
@@ -253,6 +254,18 @@ def prepared(
     return tuple(out)
 
 
+def first_rows(samples: int) -> int:
+    """How many first samples of a recording tell what it began with."""
+    return max(8, min(40, samples // 50))
+
+
+def _under_way(recording: Recording) -> float:
+    """What a delay line holds of a machine at rest: the command, and a known load with it."""
+    rows = first_rows(len(recording))
+    load = 0.0 if recording.d is None else recording.d[:rows]
+    return float(np.mean(recording.u[:rows] + load))
+
+
 def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     """The trial of a recording under the plant (and controller) of `simulator`."""
     plant = simulator.plant
@@ -270,8 +283,9 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     known_command = np.all(np.isfinite(recording.u))
     if rest:
         start[:] = simulator.at_rest(first)
-        if springs_back(simulator):
-            start[n_plant : n_plant + delay] = recording.u[0]
+        if springs_back(simulator) or plant.controller is not None:
+            if delay and known_command:
+                start[n_plant : n_plant + delay] = _under_way(recording)
         elif plant.controller is None and simulator.mechanics.order:
             # In open loop rest is where the first command holds it.
             held = float(recording.u[0]) + _loads(simulator, plant.effects)

@@ -64,7 +64,8 @@ def forces(scene: Scene, model: Model) -> Forces | None:
     The effects' own force plus the least force beside it (`wiener`) that explains the residual left. None
     where all of that force belongs to the linear part (viscous friction): a line at 0 would say nothing.
     """
-    kinds = [EFFECTS[e.name].port == "force" for e in model.effects]
+    acting = model.acting[: len(model.effects)]  # in the order in which they act
+    kinds = [EFFECTS[e.name].port == "force" for e in acting]
     if not any(kinds):
         return None
     trial = scene.trials[0]

@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.recorded.glitches import without_turns
+from ffl.diagnose.recorded.trials import commanded
 from ffl.diagnose.transmission.encoders import Pair, Smoother, comparable, cut_off, pair
 from ffl.diagnose.transmission.result import Transmission, told
 from ffl.diagnose.transmission.search import search
 from ffl.diagnose.transmission.terms import Known, Scene, Term, with_motion
 from ffl.effects import is_speed
 from ffl.recordings import Recording
+from ffl.recordings.units import factor_between
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -27,12 +30,13 @@ def transmission(
 ) -> Transmission | None:
     """Explains y - y_load by delay, scale, torsion, play and ripple; None without a second encoder.
 
-    `validation` recordings with a second encoder judge; otherwise each tenth of the recordings, by what
-    the other nine say. Raises `InputError` where the encoders cannot be compared.
+    `validation` recordings with a second encoder judge, if they hold what the others do; otherwise each
+    tenth of the recordings, by what the other nine say. Angles are carried on over a turn. Raises
+    `InputError` where the encoders cannot be compared.
     """
     if is_speed(model.output_unit):
         return None
-    pairs, judging = _with_two(model, recordings), _with_two(model, validation)
+    pairs, judging = (_with_two(model, _ready(model, group)) for group in (recordings, validation))
     if not pairs:
         return None
     cut = cut_off([_drive(model, r) for r in pairs], pairs)
@@ -43,7 +47,20 @@ def transmission(
     found = search(scene)
     if found is None:
         return None
-    return told(model, found.scene, found, _judging(model, judging, smoother, scene), cut, notes)
+    judge = _judging(model, judging, smoother, scene)
+    if judge is not None and (lacking := _lacking(scene.known, judge.known)):
+        notes.append(
+            f"the validation recordings hold no {lacking}, which this was fitted with: judged by tenths "
+            "of the others"
+        )
+        judge = None
+    return told(model, found.scene, found, judge, cut, notes)
+
+
+def _ready(model: Plant, recordings: Sequence[Recording]) -> list[Recording]:
+    """Angles carried on over a turn; u as the controller gave it, where that is known and u is not."""
+    carried_on, _ = without_turns(model, recordings)
+    return [commanded(model, r) if model.controller is not None else r for r in carried_on]
 
 
 def _with_two(model: Plant, recordings: Sequence[Recording]) -> list[Recording]:
@@ -63,9 +80,20 @@ def _known(model: Plant, pairs: Sequence[Recording]) -> tuple[Known, list[str]]:
             "be there, and the stiffness falls with its share"
         )
     motor = 0.0 if load is None or p.mass is None else max(p.mass - load, 0.0)
+    size = factor_between(model.output_unit, "m") or factor_between(model.output_unit, "rad") or 1.0
+    load, motor = None if load is None else size * load, size * motor  # N s^2 per unit of y
     has_load = all(r.d is not None and np.ptp(r.d) > 0 for r in pairs)
     has_command = all(np.all(np.isfinite(r.u)) and np.ptp(r.u) > 0 for r in pairs)
     return Known(load, motor, has_load, has_command, True), notes
+
+
+def _lacking(fitted: Known, judging: Known) -> str:
+    """What `fitted` recordings hold and `judging` ones do not; empty: nothing."""
+    held = (
+        ("known load d", fitted.has_load and not judging.has_load),
+        ("command u", fitted.has_command and not judging.has_command),
+    )
+    return " and ".join(name for name, lacks in held if lacks)
 
 
 def _drive(model: Plant, r: Recording) -> Array:

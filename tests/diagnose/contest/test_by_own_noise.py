@@ -11,6 +11,7 @@ import scipy.signal
 from ffl.diagnose.contest import by_own_noise as last
 from ffl.diagnose.contest.by_own_noise import by_own_noise, looked_around
 from ffl.diagnose.contest.judging import judge, levelled
+from ffl.diagnose.contest.line import released
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.noise.spread import error_of
 from ffl.machines import SimulatedMachine
@@ -72,6 +73,43 @@ def test_a_fit_goes_on_from_below_a_ledge(pushed):
     below = looked_around(judged.scene, ledge)
     assert below.cost == pytest.approx(bottom.cost, abs=last.LOWER)
     assert looked_around(judged.scene, below) is below
+
+
+def test_led_by_an_observer_and_where_nothing_is_named_nothing_changes(pushed):
+    held, judged = pushed[0]
+    led = replace(judged, scene=replace(judged.scene, observed=True))
+    assert by_own_noise(held, led) is led
+    nothing = judge(judged.scene, held, judged.model.without(0), 2)
+    assert by_own_noise(held, nothing) is nothing
+
+
+def test_held_out_runs_are_missed_by_no_more(pushed, monkeypatch):
+    held, judged = pushed[0]
+    off = judged.model.with_parameters(0, {"level": 0.5})
+    worse = replace(judged, fit=fit(judged.scene, off, rounds=0), fitted=judged.fitted - 1e6)
+    assert by_own_noise(held, worse) is not worse
+    monkeypatch.setattr(last, "raw_error", lambda held, model: 1.0 if model is off else 1.2)
+    assert by_own_noise(held, worse) is worse
+
+
+def test_a_number_on_the_line_stays_there(pushed):
+    """Who did not earn more is held at 2 %; it is let go, to say how sure it is, after the last fit."""
+    held, judged = pushed[0]
+    corrections = {**judged.model.corrections, "mass": 0.0199}
+    on = replace(judged.model, corrections=corrections, held=frozenset({"mass"}))
+    found = by_own_noise(held, judge(judged.scene, held, on, 2))
+    assert found.model.corrections["mass"] == 0.0199
+    free = released(found)
+    assert free.model.corrections["mass"] == 0.0199
+    assert "mass" not in free.model.held
+
+
+def test_not_beside_a_friction_table(pushed):
+    held, judged = pushed[0]
+    table = {"grid": [-0.1, 0.1], "positive": [1.0, 1.0], "negative": [1.0, 1.0]}
+    spec = EffectSpec("position_dependent_friction", {"table": table, "level": 1.0})
+    found = replace(judged, fit=replace(judged.fit, model=replace(judged.model, effects=(spec,))))
+    assert by_own_noise(held, found) is found
 
 
 def test_a_place_that_leads_nowhere_is_left(pushed, monkeypatch):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from ffl.diagnose.contest.line import LATE, slight
 from ffl.diagnose.hypothesis.amounts import own_damping
@@ -20,8 +21,9 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.result import ModelCorrection
 from ffl.effects.cascade import lags
 from ffl.machines.simulator import Simulator
-from ffl.systems import EffectSpec, Plant, Zpk, load_plant
+from ffl.systems import EffectSpec, Physics, Plant, Zpk, load_plant
 from ffl.systems.plant_file import plant_from_dict
+from ffl.systems.state_space import StateSpace
 
 T = 1e-3
 
@@ -231,3 +233,24 @@ def test_one_lag_has_a_gain_and_a_time_constant(fast):
     assert np.abs(np.linalg.eigvals(slower.a)).max() == pytest.approx(np.exp(-8.0 * 0.02 / 1.05))
     steps = np.ones(400)
     assert slower.filter(steps)[-1] == pytest.approx(1.01 * 25.0, rel=2e-4)
+
+
+def test_a_heavier_machine_without_a_resonance_is_heavier_whatever_else_is_free():
+    """1 kg, 50 N s/m, 400 N/m: lags in a row, but a mass that the plant file knows."""
+
+    def machine(mass):  # type: ignore[no-untyped-def]
+        a = np.array([[0.0, 1.0], [-400.0 / mass, -50.0 / mass]])
+        block = np.zeros((3, 3))
+        block[:2, :2], block[1, 2] = a, 1.0 / mass
+        held = scipy.linalg.expm(block * T)
+        system = StateSpace(held[:2, :2], held[:2, 2:], np.array([[1.0, 0.0]]), 0.0, T)
+        return Plant("overdamped", system, None, "N", "m", "", Physics(1.0, 1.0))
+
+    base = Base.of(machine(1.0))
+    assert len(lags(base.simulator.mechanics)) == 2
+    assert not base.is_process
+    u = np.where(np.arange(4000) < 2000, 1.0, -0.5)
+    true = Simulator(machine(1.2)).run((), feedforward=u).y
+    for others in ({}, {"damping": 0.0}, {"damping": 0.0, "stiffness": 0.0}):
+        other = Model(base, {"mass": 0.2, **others}).simulator.run((), feedforward=u).y
+        assert np.abs(other - true).max() < 1e-12

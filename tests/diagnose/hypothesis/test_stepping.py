@@ -117,3 +117,35 @@ def test_where_nothing_is_seen_steps_are_the_usual_ones(stage, scenes, record):
     j = np.zeros((scene.samples, len(model.theta)))
     steps = principal_steps(j, np.ones(scene.samples), model.theta, model.coordinates)
     assert np.allclose(np.abs(steps), np.diag([c.step for c in model.coordinates]))
+
+
+def test_a_step_cut_short_at_a_bound_counts_as_far_as_it_went():
+    """Two numbers at a bound, and a direction in which one of them can only go beyond it."""
+    rng = np.random.default_rng(1)
+    table = rng.standard_normal((400, 3))
+    table[:, 1] = table[:, 0] + 0.3 * table[:, 1]
+    y = 2.0 * table[:, 2] + rng.standard_normal(400)
+
+    class Linear:
+        coordinates = tuple(
+            Coordinate("effect", name, 0, ("positive", k), 1.0, 0.0, 10.0)
+            for k, name in enumerate("abc")
+        )
+        substeps = 1
+
+        def __init__(self, theta):
+            self.theta = np.asarray(theta, float)
+
+        def at(self, theta):
+            return Linear(np.clip(theta, 0.0, 10.0))
+
+    scene = SimpleNamespace(
+        samples=400,
+        residuals=lambda model: [y - table @ model.theta],
+        whiten_stacked=lambda columns: columns,
+    )
+    for theta in ([1.0, 1.0, 2.0], [0.0, 0.0, 2.0]):
+        model = Linear(theta)
+        base = scene.residuals(model)
+        new = jacobian_along(scene, model, base, table.copy(), table.copy(), base[0])
+        np.testing.assert_allclose(new, table, atol=1e-10)

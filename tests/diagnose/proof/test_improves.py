@@ -1,8 +1,9 @@
 """What was named explains nothing where held-out runs are no nearer for it."""
 
+import numpy as np
 import pytest
 
-from ffl.diagnose.proof.prove import Proof
+from ffl.diagnose.proof.prove import Proof, _interval, nrmse
 
 
 @pytest.mark.parametrize(
@@ -17,3 +18,18 @@ from ffl.diagnose.proof.prove import Proof
 def test_what_is_nearer_in_y_or_in_u_is_nearer(y, u, improves):
     proof = Proof(("held.csv",), *y, 0.001, *u, None, (0.0, 0.0), ())
     assert proof.improves is improves
+
+
+def test_the_interval_of_the_change_is_about_the_change():
+    """A long recording that is nearer and a short one that is farther: each counts by its samples."""
+    rng, errors, paths = np.random.default_rng(0), [], []
+    for n, before, after in ((60_000, 0.1, 0.05), (2_000, 0.05, 0.3)):
+        paths.append(np.sin(0.01 * np.arange(n)))
+        errors.append((before * rng.standard_normal(n), after * rng.standard_normal(n)))
+    samples = sum(map(len, paths))
+    scale = np.sqrt(sum(np.sum((y - y.mean()) ** 2) for y in paths) / samples)
+    left = [
+        nrmse(paths, [y - pair[k] for y, pair in zip(paths, errors, strict=True)]) for k in (0, 1)
+    ]
+    low, high = _interval(errors, scale, np.random.default_rng(1))
+    assert low < left[1] - left[0] < high < 0.0

@@ -41,3 +41,12 @@ def test_within_what_was_fitted_nothing_is_said(name):
 def test_an_effect_that_asks_for_neither_is_known_everywhere():
     assert unvisited(["drift"], [_swing(0.1)], [_swing(0.4)], "m") is None
     assert unvisited([], [_swing(0.1)], [_swing(0.4)], "m") is None
+
+
+def test_of_an_output_that_is_a_speed_the_speed_itself_is_looked_at():
+    """Other accelerations are no other speeds."""
+    slow, faster, quicker = _swing(10.0), _swing(60.0), _swing(10.0, 5.0)
+    assert unvisited(["stribeck_friction"], [slow], [quicker], "rad/s") is None
+    said = unvisited(["stribeck_friction"], [slow], [faster], "rad/s")
+    assert said is not None
+    assert "at a velocity outside -10 to 10 rad/s:" in said

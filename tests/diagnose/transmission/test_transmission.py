@@ -231,3 +231,62 @@ def test_the_answer_carries_it_and_says_of_y_what_it_said(monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert "the load's encoder is read 2 ms later" in printed
     assert "N/m" in printed
+
+
+def scaled(recording, size, turn=None):
+    """The same with y in another unit, wrapped at a `turn` of that."""
+
+    def told(x):
+        return size * x if turn is None else np.mod(size * x + 0.05 * turn, turn)
+
+    signals = {name: told(getattr(recording, name)) for name in ("r", "y", "y_load")}
+    return Recording.from_signals(STEP, u=recording.u, **signals)
+
+
+def in_unit(unit, size):
+    """The plant with y in a unit of which one metre is `size`; a mass stays one, in kg."""
+    system = replace(PLANT.system, gain=size * PLANT.system.gain)
+    return replace(PLANT, system=system, output_unit=unit)
+
+
+@pytest.mark.parametrize("dry", [(5.0, 0.0), (4.0, 4.0)])
+def test_the_unit_of_the_encoders_is_no_matter(dry):
+    """A mass in kg times an acceleration in mm/s^2 is no force in N."""
+    recording = record(at_motor=dry[0], at_load=dry[1])
+    one = transmission(PLANT, [recording])
+    other = transmission(in_unit("mm", 1e3), [scaled(recording, 1e3)])
+    own, theirs = (part(found, "torsion").parameters for found in (one, other))
+    for name, size in (("stiffness", 1e-3), ("antiresonance", 1.0), ("friction_behind", 1.0)):
+        assert (name in own) == (name in theirs)
+        if name in own:
+            assert theirs[name].value == pytest.approx(size * own[name].value, rel=1e-4)
+
+
+def test_angles_go_on_over_a_turn_on_both_encoders():
+    recording, size = record(), 180.0
+    physics = Physics((MOTOR + LOAD) / size, 1.0, LOAD / size)  # kg m^2 per rad of this gear
+    plant = replace(in_unit("rad", size), physics=physics)
+    whole, wrapped = (
+        transmission(plant, [scaled(recording, size, turn)]) for turn in (None, 2.0 * np.pi)
+    )
+    own, theirs = (part(found, "torsion").parameters["stiffness"] for found in (whole, wrapped))
+    assert theirs.value == pytest.approx(own.value, rel=1e-6)
+    assert whole.explained == pytest.approx(wrapped.explained, abs=1e-6)
+
+
+def test_what_judges_must_hold_what_was_fitted_with():
+    """A known load, or a command that no controller tells, in the fitted recording alone."""
+    fitted, judging = record(pull=30.0), record(seed=3, pull=30.0)
+    whole = transmission(PLANT, [fitted], [judging])
+    for lacking, name in ((replace(judging, d=None), "load d"), (silent(judging), "command u")):
+        found = transmission(PLANT, [fitted], [lacking])
+        assert "tenths" in found.judged
+        assert found.explained > 0.9 * whole.explained
+        assert any(name in note for note in found.notes)
+
+
+def silent(recording):
+    """Without its command."""
+    return Recording.from_signals(
+        STEP, y=recording.y, y_load=recording.y_load, r=recording.r, d=recording.d
+    )
