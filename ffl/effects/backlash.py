@@ -23,7 +23,7 @@ from ffl.effects.law import (
 )
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.paths import play
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 
@@ -164,6 +164,9 @@ class Backlash(Effect):
 
     def side_in(self, setting: Setting) -> str:
         return {"play": "sensor", "coupling": "coupling", "load": self.name}[self.kind_in(setting)]
+
+    def turn(self, spec: EffectSpec) -> int:
+        return 0 if spec.options.get("kind") == "load" else 2
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         if self.kind_in(setting) != "load":

@@ -261,9 +261,10 @@ class Effect:
         with speed runs away within a step if the step is long."""
         return 0.0
 
-    def comes_first(self, spec: EffectSpec) -> bool:
-        """Whether it changes the linear part before the others add to that."""
-        return False
+    def turn(self, spec: EffectSpec) -> int:
+        """When it changes the linear part: 0 who divides the machine, 1 a mass that changes in all parts, 2
+        who adds forces to that."""
+        return 2
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         """The linear part with the effect in it; unchanged where `law` does the work."""

@@ -44,6 +44,9 @@ class FlexibleMode(Effect):
     options = {"measured": ("motor", "load"), "resonance": (NEARBY, MACHINE)}  # noqa: RUF012
     sides = ("sensor", "motor")
 
+    def turn(self, spec: EffectSpec) -> int:
+        return 0
+
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         return mechanics.with_part_on_spring(
             self.name,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.effects.base import Setting
+from ffl.effects.base import Effect, Setting
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.modal import is_speed, mechanics_of
 from ffl.errors import InputError
@@ -21,18 +21,23 @@ def mechanics_with_effects(plant: Plant) -> Mechanics:
     """Continuous-time mechanics of `plant.system`, changed in turn by every effect that has a
     `modify` (mass, damping, stiffness, a hung mode); the rest of the effects leave it alone."""
     mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
-    for k in in_turn(plant.effects):
+    for k in _turns(plant.effects):
         mechanics = _with(mechanics, plant, plant.effects[k])
     return mechanics
 
 
-def in_turn(effects: Sequence[EffectSpec]) -> list[int]:
-    """Places of `effects` in the order in which they change the linear part, whatever order they are in."""
+def in_turn(catalogue: Sequence[Effect], effects: Sequence[EffectSpec]) -> list[int]:
+    """Places of `effects`, each of its effect of the `catalogue`, in the order in which they change the
+    linear part: whatever order they are in, where a mass changes in all parts (`Effect.turn`)."""
+    turns = [effect.turn(spec) for effect, spec in zip(catalogue, effects, strict=True)]
+    places = range(len(turns))
+    return sorted(places, key=turns.__getitem__) if 1 in turns else list(places)
+
+
+def _turns(effects: Sequence[EffectSpec]) -> list[int]:
     from ffl.effects import effect_of
 
-    return sorted(
-        range(len(effects)), key=lambda k: not effect_of(effects[k]).comes_first(effects[k])
-    )
+    return in_turn([effect_of(spec) for spec in effects], effects)
 
 
 def as_seen(plant: Plant, count: int) -> Plant:
@@ -42,7 +47,7 @@ def as_seen(plant: Plant, count: int) -> Plant:
 
     mechanics = mechanics_of(plant.system, is_speed(plant.output_unit))
     told = list(plant.effects)
-    for k in in_turn(plant.effects[:count]):
+    for k in _turns(plant.effects[:count]):
         spec = told[k]
         whole = _with(mechanics, plant, spec)
         other = effect_of(spec).seen(spec, whole)

@@ -23,9 +23,9 @@ class MassChange(Effect):
     depends_on = ("acceleration",)
     siblings = ("viscous_friction", "flexible_mode", "position_dependent_gain")
 
-    def comes_first(self, spec: EffectSpec) -> bool:
-        """A mass that changes everywhere leaves friction and springs, whoever adds them, what they are."""
-        return spec.options.get("side") == "all"
+    def turn(self, spec: EffectSpec) -> int:
+        """A mass that changes everywhere is more of every part, and leaves what others add what it is."""
+        return 1 if spec.options.get("side") == "all" else 2
 
     def modify(self, mechanics: Mechanics, values: Parameters, setting: Setting) -> Mechanics:
         if self.side_in(setting) == "all":

@@ -13,6 +13,7 @@ from ffl.effects import Effect, Setting, effect_of
 from ffl.effects.base import Law
 from ffl.effects.law import IO_SIZE, MEAN, SLOPE, address_of
 from ffl.effects.leading import leading
+from ffl.effects.linear_mechanics import in_turn
 from ffl.effects.mechanics import Mechanics
 from ffl.effects.point import Point
 from ffl.errors import InputError
@@ -56,9 +57,7 @@ class Compiler:
         effects = [*effects, *(spec for _, spec in others)]
         checked = [effect.check(spec) for effect, spec in zip(catalogue, effects, strict=True)]
         mechanics, changes = self._mechanics, []
-        for k in sorted(
-            range(len(effects)), key=lambda k: not catalogue[k].comes_first(effects[k])
-        ):
+        for k in in_turn(catalogue, effects):
             effect, spec, values = catalogue[k], effects[k], checked[k]
             changed = effect.modify(mechanics, values, self._setting(mechanics, spec))
             if changed is not mechanics:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.effects import effect_of
 from ffl.effects.linear_mechanics import in_turn, mechanics_with_effects
 from ffl.machines import Simulator
 from ffl.systems import EffectSpec, Physics, Plant, Zpk
@@ -44,4 +45,18 @@ def test_the_linear_part_is_the_same_by_either_order():
         for effects in ((HEAVIER, DAMPER, SPRING), (DAMPER, SPRING, HEAVIER))
     )
     np.testing.assert_array_equal(a, b)
-    assert in_turn((DAMPER, HEAVIER, SPRING)) == [1, 0, 2]
+
+
+def test_a_part_that_hangs_is_more_as_well():
+    """Parts first, then the mass of all, then forces; without such a mass the order is the file's."""
+    part = EffectSpec("flexible_mode", {"frequency": 40.0, "damping": 0.1, "mass_fraction": 0.3})
+    effects = (DAMPER, HEAVIER, part)
+    catalogue = [effect_of(spec) for spec in effects]
+    assert in_turn(catalogue, effects) == [2, 1, 0]
+    assert in_turn(catalogue[::2], effects[::2]) == [0, 1]
+    u = np.sin(0.05 * np.arange(4000))
+    one, other = (Simulator(PLANT).run(e, feedforward=u).y for e in (effects, effects[::-1]))
+    np.testing.assert_array_equal(one, other)
+    heavier = replace(PLANT, system=replace(PLANT.system, gain=PLANT.system.gain / 2))
+    alone = Simulator(heavier).run((part, DAMPER), feedforward=u).y
+    np.testing.assert_allclose(one, alone, atol=1e-6 * np.abs(alone).max())
