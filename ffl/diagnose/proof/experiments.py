@@ -109,8 +109,9 @@ def closed_loop_designs(lim: Limits, step: float) -> Iterator[Design]:
                 for hops, speed in parts
             ]
             if all(len(one) for one in each):
-                on = "" if share == 1.0 else f", on {100 * share:.3g} % of the stroke"
-                yield Design(text + on, np.concatenate(each), heavier)
+                name, colon, how = text.partition(":")
+                on = "" if share == 1.0 else f" on {100 * share:.3g} % of the stroke"
+                yield Design(name + on + colon + how, np.concatenate(each), heavier)
                 return
 
     yield from fitting(
@@ -121,7 +122,7 @@ def closed_loop_designs(lim: Limits, step: float) -> Iterator[Design]:
     yield from fitting(
         "short reversals at slow speed, places along the stroke", (REVERSALS, 0.1 * v)
     )
-    yield from fitting("the full stroke at half speed", (_there_and_back([1.0]), 0.5 * v))
+    yield from fitting("strokes at half speed", (_there_and_back([1.0]), 0.5 * v))
     yield from fitting(
         "constant speeds and the highest acceleration in turn",
         (_there_and_back([1.0]), 0.3 * v),

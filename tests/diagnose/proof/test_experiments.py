@@ -36,7 +36,7 @@ def test_designs_are_within_what_was_seen_and_end_where_they_began(lim):
 
 def test_a_ladder_on_a_part_of_the_stroke_has_all_its_rungs():
     ladder = next(d for d in closed_loop_designs(SLOW, STEP) if "ladder" in d.text)
-    share = float(ladder.text.split(", on ")[1].split(" %")[0]) / 100.0
+    share = float(ladder.text.split(" on ")[1].split(" %")[0]) / 100.0
     half = 0.48 * SLOW.stroke * share
     heights = {
         round(float(h), 9) for h in ladder.reference[np.diff(ladder.reference, append=0.0) == 0.0]
