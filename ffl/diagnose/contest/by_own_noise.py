@@ -6,9 +6,7 @@ by the noise as it is have the least errors of all that are linear in y (Aitken 
 ended on a ledge goes on from below it: the sum of squares of a play, a stop or dry friction is no bowl, and
 its bottom may lie a tenth of the number away from where all derivatives vanish.
 
-(Presliding friction and a wave of the encoder on a stage with a spring: damping 58 times the stated and
-friction of 2.38 N before, 0.8 times less and 2.496 +- 0.014 N after, for 2.513. A play: 88.7 +- 0.6 um
-before, 102.4 +- 3.7 after, for 115.9.)
+(A play of 115.9 um: 88.7 +- 0.6 um before, 102.4 +- 3.7 after.)
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import Judged, held_out, levelled, raw_error, raw_residuals
+from ffl.diagnose.contest.judging import Judged, by_its_noise, held_out, levelled, raw_error
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, fit, surprise
@@ -48,9 +46,7 @@ def by_own_noise(held: Scene | None, judged: Judged) -> Judged:
         if found.status == "diverged":
             break
         found = looked_around(judged.scene, found)
-        left = raw_residuals(judged.scene, found.model)
-        own = judged.scene.with_noise_of(left)
-        likelihood = own.likeliest(own.whiten(left))
+        own, likelihood = by_its_noise(judged.scene, found.model)
         judging = own if held is None else held
         other = Judged(found, own, likelihood, *held_out(held, judging, found), held)
         before, after = levelled([judged, other])

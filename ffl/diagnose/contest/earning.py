@@ -10,6 +10,7 @@ import numpy as np
 from ffl.diagnose.contest.judging import (
     PER_NUMBER,
     Judged,
+    charged,
     credible,
     levelled,
     mean_square,
@@ -52,7 +53,7 @@ def earns(rival: Judged, base: Judged, threshold: float) -> bool:
 
 def _gains(rival: Judged, base: Judged, threshold: float) -> bool:
     rival, base = levelled([rival, base])
-    fitted = rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
+    fitted = charged(rival, base)
     held = rival.held_out - base.held_out
     sure = LOST * fitted > max(LEAST, -held)
     if base.model.effects:  # the first one's imperfection must not be patched with a second

@@ -115,14 +115,14 @@ def judge(
     # let slow physics go as noise, and its absence in the score would take noise for physics. Its size is
     # free: read from the calm stretches alone, less noise there spoke against who left less everywhere
     # (a gain that depends on position beside friction: 45,800 nats against the truth).
-    own, fitted = _by_its_noise(scene, first.model)
+    own, fitted = by_its_noise(scene, first.model)
     if first.surprise > surprise(model) + WANDERED:
         other = _as_it_began(scene, fitted_on, model, fitted, rounds)
         first, own, fitted = other or (first, own, fitted)
     return Judged(first, own, fitted, *held_out(held, scene, first), held)
 
 
-def _by_its_noise(scene: Scene, model: Model) -> tuple[Scene, float]:
+def by_its_noise(scene: Scene, model: Model) -> tuple[Scene, float]:
     """(The scene with the noise that `model` leaves, log-likelihood in that)."""
     residuals = raw_residuals(scene, model)
     own = scene.with_noise_of(residuals)
@@ -137,11 +137,11 @@ def _as_it_began(
     the least white noise slow noise speaks for whoever moves less. (A limit that half of the commands
     reached, in noise as large, began 351 ahead of nothing and ended 71 ahead, at a fifth of the limit
     and 69 % less mass.)"""
-    begun, likelihood = _by_its_noise(scene, model)
+    begun, likelihood = by_its_noise(scene, model)
     if not likelihood > fitted + MISLED:
         return None
     there = fit(begun, model, rounds=rounds).model
-    own, reached = _by_its_noise(scene, there)
+    own, reached = by_its_noise(scene, there)
     return (fit(fitted_on, there, rounds=0), own, reached) if reached > fitted else None
 
 
@@ -265,6 +265,11 @@ def whitened_alike(judged: Sequence[Judged]) -> list[Judged]:
         worth, held_white = held_out(j.held, quietest, j.fit)
         out.append(replace(j, held_out=worth, held_white=held_white))
     return levelled(out)
+
+
+def charged(rival: Judged, base: Judged) -> float:
+    """Log-likelihood of the fitted recordings that `rival` brings over `base`, its numbers charged."""
+    return rival.fitted - base.fitted - PER_NUMBER * (rival.freedom - base.freedom)
 
 
 def likeliest(judged: Sequence[Judged]) -> Judged:

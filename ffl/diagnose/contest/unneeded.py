@@ -8,7 +8,7 @@ as it is (`noise.spread`), so that the question is asked where it has a point.
 from __future__ import annotations
 
 from ffl.diagnose.contest.earning import LEAST, stays
-from ffl.diagnose.contest.judging import PER_NUMBER, Judged, credible, judge, levelled
+from ffl.diagnose.contest.judging import Judged, charged, credible, judge, levelled
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.scene import Scene
 from ffl.effects import EFFECTS
@@ -44,8 +44,8 @@ def _told_by_both(current: Judged, bare: Judged) -> bool:
     """Whether fitted and held-out recordings each say half of what coming in asks. (A spring of an arm that
     made half of what is left of held-out runs brought 7 fitted, numbers charged, and 23 held out.)"""
     whole, left = levelled([current, bare])
-    fitted = whole.fitted - left.fitted - PER_NUMBER * (whole.freedom - left.freedom)
-    return credible(current) and min(fitted, whole.held_out - left.held_out) > LEAST / 2
+    told = min(charged(whole, left), whole.held_out - left.held_out)
+    return credible(current) and told > LEAST / 2
 
 
 def _comes_to_more(current: Judged, bare: Judged) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.judging import PER_NUMBER, Judged, judge, levelled
+from ffl.diagnose.contest.judging import PER_NUMBER, Judged, charged, judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.effects import EFFECTS
@@ -88,15 +88,11 @@ def no_patch(
     finer = _finer(base.model) if suspects and NAME in base.model.names else None
     if finer is None:
         return list(rivals)
-    bar = _net(judge(quiet, held, finer, 6, base.fit), base)
-    out = [r for r in rivals if r not in suspects or _net(r, base) > bar]
+    bar = charged(judge(quiet, held, finer, 6, base.fit), base)
+    out = [r for r in rivals if r not in suspects or charged(r, base) > bar]
     if len(out) < len(rivals):
         say(f"  the table itself with twice the knots: {bar:+.1f} fitted, its numbers charged")
     return out
-
-
-def _net(other: Judged, base: Judged) -> float:
-    return other.fitted - base.fitted - PER_NUMBER * (other.freedom - base.freedom)
 
 
 def _gain(other: Judged, current: Judged) -> str:
@@ -107,7 +103,7 @@ def _gain(other: Judged, current: Judged) -> str:
 def _pays(other: Judged, current: Judged, share: float = SHARE) -> bool:
     """In the fitted and the held-out recordings alike, by a share of the samples of each."""
     other, current = levelled([other, current])
-    fitted = _net(other, current)
+    fitted = charged(other, current)
     held = other.held_out - current.held_out
     n = len(current.held_white)
     return fitted > share * len(current.fit.white) and (held > share * n or not n)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.diagnose.contest.scene import is_far
-from ffl.diagnose.hypothesis.linear import corrected_plant
+from ffl.diagnose.hypothesis.linear import loop_by_states
 from ffl.diagnose.hypothesis.model import Model
 from ffl.systems.loop import Loop
 
@@ -20,14 +20,11 @@ MISTAKEN = 5.0  # times what is believed of a number of the linear model (a mass
 
 def loop_of(model: Model) -> Loop:
     """The linear loop with the corrections of `model`; the stated one where that runs away (noise has no
-    colour there), or a delay line stands elsewhere among its states (what is open of a start would be
-    laid on others)."""
-    plant = model.base.plant
-    if model.base.simulator.mechanics.delay:
-        return model.base.loop
-    other = corrected_plant(plant, model.base.simulator.mechanics, dict(model.corrections))
-    radius = [float(np.abs(one.loop.poles).max(initial=0.0)) for one in (other, plant)]
-    return other.loop if radius[0] <= max(1.0, radius[1]) + ROUNDING else model.base.loop
+    colour there)."""
+    stated = model.base.loop
+    other = loop_by_states(model.base.plant, model.simulator)
+    radius = [float(np.abs(one.poles).max(initial=0.0)) for one in (other, stated)]
+    return other if radius[0] <= max(1.0, radius[1]) + ROUNDING else stated
 
 
 def colouring(model: Model, left: float) -> Loop:

@@ -18,16 +18,8 @@ LONGEST = 10.0  # s, or
 LEAST = 2000  # samples
 STOOD = 0.01  # of half its stroke: what a machine that stands still moves by in a recording
 STROKES, STARTS = 4.0, 20.0  # such a machine moves that often in a recording
-SHARES = (
-    1.0,
-    0.5,
-    0.25,
-    0.1,
-    0.05,
-)  # of the stroke: the largest on which all moves of a design fit
 SLOWEST = 4.0  # periods of a multisine's lowest line
-
-
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.05)  # of the stroke: the largest on which all moves fit
 REVERSALS = [  # hops in shares of half the stroke: to and fro at three places, and back
     hop for place in (-0.6, 0.6, 0.6) for hop in (place, 0.05, -0.1, 0.1, -0.05)
 ] + [-0.6]

@@ -199,13 +199,12 @@ def _interval(
 ) -> tuple[float, float]:
     """Blocks of a twentieth of a recording, drawn with replacement, the same for both models; each counts
     by its samples, as in the figures themselves."""
-    before, after, sizes = [], [], []
-    for a, b in errors:
-        blocks = min(BLOCKS, len(a))
-        before += [np.sum(part**2) for part in np.array_split(a, blocks)]
-        after += [np.sum(part**2) for part in np.array_split(b, blocks)]
-        sizes += [len(part) for part in np.array_split(a, blocks)]
-    first, second, samples = np.array(before), np.array(after), np.array(sizes)
+    blocks = [
+        (len(rows), np.sum(a[rows] ** 2), np.sum(b[rows] ** 2))
+        for a, b in errors
+        for rows in np.array_split(np.arange(len(a)), min(BLOCKS, len(a)))
+    ]
+    samples, first, second = np.array(blocks).T
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         return (float("-inf"), float("inf"))
     index = rng.integers(len(first), size=(draws, len(first)))

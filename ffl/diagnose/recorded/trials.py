@@ -94,9 +94,7 @@ class Trial:
     @property
     def holding(self) -> float:
         """What drives the machine, a known load too, in the mean over the first samples: noise left out."""
-        rows = first_rows(len(self))
-        load = 0.0 if self.load is None else self.load[:rows]
-        return float(np.mean(self._command[:rows] + load))
+        return _at_first(self._command, self.load)
 
     @property
     def _command(self) -> Array:
@@ -207,7 +205,7 @@ def commanded(plant: Plant, recording: Recording) -> Recording:
 
 def starts_at_rest(recording: Recording) -> bool:
     """The reference (the command in open loop) holds still at first, and so does y."""
-    rows = first_rows(len(recording))
+    rows = _first_rows(len(recording))
     drive = recording.f if recording.is_open_loop else recording.r
     scale = np.ptp(drive)
     if np.ptp(drive[:rows]) > 1e-6 * max(scale, 1e-300):
@@ -254,16 +252,15 @@ def prepared(
     return tuple(out)
 
 
-def first_rows(samples: int) -> int:
+def _first_rows(samples: int) -> int:
     """How many first samples of a recording tell what it began with."""
     return max(8, min(40, samples // 50))
 
 
-def _under_way(recording: Recording) -> float:
-    """What a delay line holds of a machine at rest: the command, and a known load with it."""
-    rows = first_rows(len(recording))
-    load = 0.0 if recording.d is None else recording.d[:rows]
-    return float(np.mean(recording.u[:rows] + load))
+def _at_first(command: Array, load: Array | None) -> float:
+    """The command, and a known load with it, in the mean over the first samples."""
+    rows = _first_rows(len(command))
+    return float(np.mean(command[:rows] + (0.0 if load is None else load[:rows])))
 
 
 def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
@@ -285,8 +282,8 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         start[:] = simulator.at_rest(first)
         if springs_back(simulator) or plant.controller is not None:
             if delay and known_command:
-                start[n_plant : n_plant + delay] = _under_way(recording)
-        elif plant.controller is None and simulator.mechanics.order:
+                start[n_plant : n_plant + delay] = _at_first(recording.u, recording.d)
+        elif simulator.mechanics.order:
             # In open loop rest is where the first command holds it.
             held = float(recording.u[0]) + _loads(simulator, plant.effects)
             start = rest_under(simulator, float(recording.u[0]), held, first)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.noise.colour import loop_of
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import prepare
@@ -105,3 +106,15 @@ def _left_by_the_true_model(plant, reference, known=0.0):  # type: ignore[no-unt
     trial = prepare(base.simulator, recording, 1e-9)
     assert trial.at_rest
     return np.abs(trial.y - Model(base).simulate(trial).y).max()
+
+
+@pytest.mark.parametrize("which", PLANTS)
+def test_the_corrected_loop_is_that_of_the_corrected_plant(stage, which):
+    """Behind a delay too, and with nothing corrected by the same states as the stated loop."""
+    base, f = Base.of(PLANTS[which](stage)), [0.5, 5.0, 50.0, 200.0]
+    model = Model(base, {"mass": 0.05, "damping": 0.1})
+    own, other = (one.system.response(f) for one in (loop_of(model), model.plant().loop))
+    np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
+    bare, stated = loop_of(Model(base)).system, base.loop.system
+    np.testing.assert_array_equal(bare.a, stated.a)
+    np.testing.assert_array_equal(bare.b, stated.b)
