@@ -16,6 +16,7 @@ from ffl.effects.law import (
     MEAN,
     SLOPE,
     STEP,
+    TIME,
     V0,
     V1,
     X0,
@@ -28,15 +29,21 @@ from ffl.systems.state_space import Array
 
 
 def _play_law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: gap; s: output of the play relative to y, started (0 or 1).
+    """p: gap; s: output of the play relative to y, started (0 or 1), speed and time of the sample before.
 
-    The load stays where it is while the motor crosses the gap (a load held by its own friction).
+    The load stays where it is while the motor crosses the gap (a load held by its own friction). Where
+    the motor turns within a sample, the load has gone as far as the peak of a constant acceleration,
+    v1^2/(2 a) beyond where the sample ends.
     """
-    half = 0.5 * p[0]
+    half, x, v = 0.5 * p[0], io[X0], io[V0]
     if s[1] == 0.0:
-        s[0], s[1] = io[X0], 1.0
-    s[0] = min(max(s[0], io[X0] - half), io[X0] + half)
-    io[MEAN] += s[0] - io[X0]
+        s[0], s[1] = x, 1.0
+    elif s[2] * v < 0.0:
+        peak = x + 0.5 * v * v * (io[TIME] - s[3]) / (s[2] - v)
+        s[0] = min(max(s[0], peak - half), peak + half)
+    s[0] = min(max(s[0], x - half), x + half)
+    s[2], s[3] = v, io[TIME]
+    io[MEAN] += s[0] - x
 
 
 @njit(error_model="numpy")
@@ -201,7 +208,7 @@ class Backlash(Effect):
         return [values["gap"], stiffness, damping, contact]
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
-        return [0.0, 0.0]
+        return [0.0, 0.0, 0.0, 0.0]
 
     def stiffness(self, packed):  # type: ignore[no-untyped-def]
         return packed[1] if len(packed) > 1 else 0.0
@@ -228,7 +235,9 @@ class Backlash(Effect):
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         """(play - x)/gap in the shape it has at the gap `shape`; its coefficient is the gap."""
         shape = nonlinear["shape"]
-        return np.column_stack([(play(motion.x, shape) - motion.x) / shape])
+        return np.column_stack(
+            [(play(motion.x, shape, motion.v, motion.sample_time) - motion.x) / shape]
+        )
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
         return {"gap": max(float(coefficients[0]), 0.0)}

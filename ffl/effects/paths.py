@@ -104,13 +104,17 @@ def bouc_wen(
 
 
 @njit(cache=True)
-def _play(x, half, y):  # type: ignore[no-untyped-def]
+def _play(x, peaks, half, y):  # type: ignore[no-untyped-def]
     for k in range(1, len(x)):
-        y[k] = min(max(y[k - 1], x[k] - half), x[k] + half)
+        held = min(max(y[k - 1], peaks[k] - half), peaks[k] + half)
+        y[k] = min(max(held, x[k] - half), x[k] + half)
 
 
-def play(x: Array, gap: float) -> Array:
-    """Output of a play of total width `gap` along `x`, centred at the start."""
+def play(x: Array, gap: float, v: Array, step: float) -> Array:
+    """Output of a play of total width `gap` along `x`, centred at the start; `v`: its speed, by which it
+    has gone v^2/(2 a) further between two samples, `step` apart, where it turns."""
+    peaks, turns = np.array(x, float), np.flatnonzero(v[:-1] * v[1:] < 0.0)
+    peaks[turns + 1] += 0.5 * step * v[turns + 1] ** 2 / (v[turns] - v[turns + 1])
     y = np.array(x, float)
-    _play(np.ascontiguousarray(x, float), 0.5 * gap, y)
+    _play(np.ascontiguousarray(x, float), peaks, 0.5 * gap, y)
     return y

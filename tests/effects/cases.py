@@ -51,7 +51,7 @@ def play(gap):
         memory["y"] = min(max(y, x - gap / 2), x + gap / 2)
         return memory["y"]
 
-    return sense
+    return Case(sense=sense, turn=sense)
 
 
 def bristle(level, stiffness, micro_damping):
@@ -164,7 +164,7 @@ ORACLE = {
         Case(force=lambda t, x, v, z: -50 * v * abs(v)),
         2e-8,
     ),
-    "backlash": ({"gap": 1e-4}, Case(sense=play(1e-4)), 1e-11),
+    "backlash": ({"gap": 1e-4}, play(1e-4), 1e-11),
     "hysteresis": (
         {"force": 5.0, "displacement": 1e-3, "exponent": 1.5, "beta": 0.4},
         wen(5.0, 1e-3, 1.5, 0.4),

@@ -27,7 +27,8 @@ class Case:
     """Physics of one effect, by plain functions of time t, position x, velocity v, state z.
 
     `force(t, x, v, z)`; `rate(x, v, z)` of the internal states; `levels(x, v)` (plus, minus) of dry
-    friction; `command(t, history)` the force at time t from the commands so far; `sense(x)`.
+    friction; `command(t, history)` the force at time t from the commands so far; `sense(x, memory)` in
+    every sample, `turn(x, memory)` wherever the motion turns between two of them.
     """
 
     force: Callable = lambda t, x, v, z: 0.0
@@ -36,6 +37,7 @@ class Case:
     drive: Callable = lambda u, x, z: u
     drive_rate: Callable | None = None
     sense: Callable = lambda x, memory: x
+    turn: Callable | None = None
     states: int = 0
     split: float = 0.0  # fraction of the sample after which the command of `late` samples ago ends
     late: int = 0
@@ -57,11 +59,11 @@ def run(case: Case, reference: np.ndarray, closed: bool = True) -> np.ndarray:
         for begin, end, late in pieces:
             command = u[k - late] if k >= late else 0.0
             span = ((k + begin) * SAMPLE_TIME, (k + end) * SAMPLE_TIME)
-            state, stuck = _advance(case, command, span, state, stuck)
+            state, stuck = _advance(case, command, span, state, stuck, memory)
     return y
 
 
-def _advance(case, command, span, state, stuck):
+def _advance(case, command, span, state, stuck, memory):
     (t, end), broken = span, False
 
     def others(t, s):
@@ -111,10 +113,19 @@ def _advance(case, command, span, state, stuck):
 
             stops.terminal, stops.direction = True, -direction
             events = stops
+        elif case.turn is not None:
+
+            def turns(t, s):
+                return s[1]
+
+            events = turns
         solution = solve_ivp(
             slope, (t, end), state, method="DOP853", rtol=1e-11, atol=1e-15, events=events
         )
         assert solution.success
+        if direction is None and case.turn is not None:
+            for turned in solution.y_events[0]:
+                case.turn(turned[0], memory)
         state, t = solution.y[:, -1].copy(), float(solution.t[-1])
         stuck = direction == 0.0
         broken = stuck and solution.status == 1

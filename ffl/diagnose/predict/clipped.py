@@ -6,7 +6,10 @@ For one number q = row x of a state x with covariance P, Gaussian,
     x' = x - kick (q - clip(q, -down, up)),   row kick = 1,
 
 has mean, slope and what is left of the variance beside the slope in closed form: they are the moments of a
-rectified Gaussian. Where y itself jumps at a wall, as behind a play, its density has a peak for each side,
+rectified Gaussian. A play that turns within a step is held as far as the peak, at constant acceleration
+v1^2/(2 a) beyond where the step ends: by as much its wall has gone back when the step is over.
+
+Where y itself jumps at a wall, as behind a play, its density has a peak for each side,
 
     p(y) = sum_i P(q on side i) N(y; y_i, S_i),
 
@@ -110,7 +113,7 @@ def _side(low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ignore[no-untyped-def]
+def _behind_play(x, p, pq, xs, gains, row, stretch, walls, y, white):  # type: ignore[no-untyped-def]
     """(innovation, its standard deviation, logarithm of the density of y) with x and p brought to what y
     tells; the first two on the side of the play that is the likeliest then. pq (n,), xs and gains (3, n):
     room. On a side p is less by what its stretch, of covariance c with all, tells of the rest, and what y
@@ -121,8 +124,9 @@ def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ig
     and beyond a wall the stretch is known: all three are one sum of outer products."""
     n = len(x)
     c = p[stretch].copy()
-    doubt = max(np.sqrt(max(c[stretch], 0.0)), 1e-9 * half)
-    low, high = (-half - x[stretch]) / doubt, (half - x[stretch]) / doubt
+    below, above = walls
+    doubt = max(np.sqrt(max(c[stretch], 0.0)), 1e-9)
+    low, high = (below - x[stretch]) / doubt, (above - x[stretch]) / doubt
     _seen(x, p, row, pq)
     leans = 0.0
     for i in range(n):
@@ -144,7 +148,7 @@ def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ig
             xs[k, i] = x[i] + c[i] / doubt * mean
             gains[k, i] = pq[i] - c[i] * less
         if k != 1:
-            xs[k, stretch] = half if k == 2 else -half
+            xs[k, stretch] = above if k == 2 else below
             gains[k, stretch] = 0.0
         e, s = y, white
         for i in range(n):
@@ -186,9 +190,28 @@ def _behind_play(x, p, pq, xs, gains, row, stretch, half, y, white):  # type: ig
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _along(row, x):  # type: ignore[no-untyped-def]
+    """row x."""
+    total = 0.0
+    for i in range(len(x)):
+        total += row[i] * x[i]
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turned(half, before, after):  # type: ignore[no-untyped-def]
+    """(low, high) walls of a play of +-half after a step, by the ways per step that the speeds at its two
+    ends make: where it turned at its peak, one wall is held there and has gone back since."""
+    if before * after >= 0.0:
+        return -half, half
+    back = min(0.5 * after * after / abs(before - after), 2.0 * half)
+    return (-half, half - back) if before > 0.0 else (back - half, half)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def predicted(  # type: ignore[no-untyped-def]
     y, drive, lean, x, p, move, colour, renewed, steps, row, spot, friction, kick, table, ease, bristle,
-    stretch, half, again, white,
+    stretch, half, again, white, rate, rates,
 ):  # fmt: skip
     """(innovations (N,), their standard deviations (N,), of a scale that with the innovation gives the
     likelihood, the logarithms (N,)).
@@ -217,10 +240,10 @@ def predicted(  # type: ignore[no-untyped-def]
             if move[i, j] != 0.0 or (j == stretch and len(lean) > 0):
                 at[i, many[i]] = j
                 many[i] += 1
-    surprise = 1.0
+    surprise, walls = 1.0, (-half, half)
     for t in range(samples):
         if half > 0.0:
-            e, deviation, log = _behind_play(x, p, pq, xs, gains, row, stretch, half, y[t], white)
+            e, deviation, log = _behind_play(x, p, pq, xs, gains, row, stretch, walls, y[t], white)
             out[t], scale[t] = e, deviation
             white_square = e * e / (deviation * deviation)
             logs[t] = -log - 0.5 * (white_square + np.log(2.0 * np.pi))
@@ -242,6 +265,7 @@ def predicted(  # type: ignore[no-untyped-def]
         if len(lean):
             for i in range(n):
                 now[i, stretch] = move[i, stretch] + lean[t, i]
+        before = rates[t] + _along(rate, x) if half > 0.0 else 0.0
         for step in range(steps):
             for i in range(n):
                 new[i] = drive[t, i]
@@ -275,9 +299,12 @@ def predicted(  # type: ignore[no-untyped-def]
             falling = more * _level(table[0], table[2], place) + ease[1] * bell
             if rising > 0.0 or falling > 0.0 or bristle:
                 _clip(x, p, pq, v, square, kick, rising, falling, bristle)
-            if half > 0.0 and step < steps - 1:  # the last one when y is seen
-                z, square = _seen(x, p, own, pq)
-                _clip(x, p, pq, z, square, own, half, half, True)
+            if half > 0.0:
+                after = rates[t] + _along(rate, x)
+                walls, before = _turned(half, before, after), after
+                if step < steps - 1:  # the last one when y is seen
+                    z, square = _seen(x, p, own, pq)
+                    _clip(x, p, pq, z, square, own, walls[1], -walls[0], True)
         for k in range(len(colour)):
             place = n - len(colour) + k
             x[place] *= colour[k]

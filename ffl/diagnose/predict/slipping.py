@@ -183,14 +183,19 @@ class Slipping:
             rows[0, held] = -large[held]
             x, p, again = self._in_play(x, p, held, large[:n])
         drive, lean = np.zeros((len(trial), m + 3)), np.zeros((0, m + 3))
-        drive[:, :m] = self._known(trial) @ pushes
+        known = self._known(trial)
+        drive[:, :m] = known @ pushes
+        rate, rates = np.zeros(m + 3), np.zeros(len(trial))
+        if m > held:
+            stretch = block[held] * (step / steps / large[held])
+            rate[:n], rates = stretch[:n] * large[:n], known @ stretch[m:]
         if m > held and self.driven:
             lean = np.zeros_like(drive)
             lean[:, :m] = self._leaning(trial) @ pushes[3:] * large[held]
         return predicted(
             trial.y, drive, lean, x, p, moves, colour, power * (1.0 - colour**2), steps, rows[0], rows[1],
             at, kick, table, np.array(self.ease) * np.array([1.0, per, 1.0]), held > n, held,
-            float(m > held), again, noise.sensor**2,
+            float(m > held), again, noise.sensor**2, rate, rates,
         )  # fmt: skip
 
     def _known(self, trial: Trial) -> Array:
