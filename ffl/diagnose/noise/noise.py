@@ -235,3 +235,12 @@ def partly_coloured(noise: Noise) -> Noise:
     filter trust its state too much and lose it."""
     sensor, force = noise.sensor / np.sqrt(2.0), noise.force / np.sqrt(2.0)
     return Noise(sensor, force, sensor, ROUGH, force, ROUGH)
+
+
+def louder(noise: Noise, stated: Noise) -> float:
+    """How many times louder force or sensor are than stated."""
+    force = np.hypot(noise.force, noise.force_coloured) / np.hypot(
+        stated.force, stated.force_coloured
+    )
+    sensor = np.hypot(noise.sensor, noise.sensor_coloured)
+    return float(max(force, sensor / np.hypot(stated.sensor, stated.sensor_coloured)))

@@ -26,7 +26,7 @@ from ffl.diagnose.contest.settle import DRY, LITTLE, PLIABLE, SUBSTITUTE, level_
 from ffl.diagnose.hypothesis.amounts import claims, sizes
 from ffl.diagnose.hypothesis.model import STIFF, Model
 from ffl.diagnose.hypothesis.places import POINT, places_of
-from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.noise.noise import Noise, louder, partly_coloured
 from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.foretold import FIRST, best_of, of_others, refitted
 from ffl.diagnose.predict.play import GLANCE, LOOK, shortened
@@ -88,9 +88,9 @@ def with_dry_friction(
         return outcome
     if PLIABLE & {found[0].model.names[-1]} & set(standing.model.names):
         return outcome  # free runs have made more of it than the filter can
-    if _louder(found[0].scene.noise, prior) > TRUSTED:  # then under the stated noise as well
+    if louder(found[0].scene.noise, prior) > TRUSTED:  # then under the stated noise as well
         sure = _clear(scene, held, standing, (told, begun), noises[:2], alike=found[0])
-        if sure is None or _louder(sure[0].scene.noise, prior) > TRUSTED:
+        if sure is None or louder(sure[0].scene.noise, prior) > TRUSTED:
             return outcome
         found = found if _alike(found[0], sure[0]) else sure
     best, before, rivals = found
@@ -225,15 +225,6 @@ def _still(model: Model, prior: Noise) -> bool:
     stood = [level_of(spec) for spec in model.effects if spec.name in DRY]
     noise = per * float(np.hypot(prior.force, prior.force_coloured))
     return any(level is not None and noise < STILL * level for level in stood)
-
-
-def _louder(noise: Noise, stated: Noise) -> float:
-    """How many times louder force or sensor are than stated."""
-    force = np.hypot(noise.force, noise.force_coloured) / np.hypot(
-        stated.force, stated.force_coloured
-    )
-    sensor = np.hypot(noise.sensor, noise.sensor_coloured)
-    return float(max(force, sensor / np.hypot(stated.sensor, stated.sensor_coloured)))
 
 
 def _worth(judged: Judged) -> tuple[float, float]:

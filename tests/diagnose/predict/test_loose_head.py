@@ -5,17 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.integrate
+import scipy.signal
 import scipy.stats
 
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.noise.noise import Noise
-from ffl.diagnose.predict.clipped import _behind_play, _side
+from ffl.diagnose.noise.noise import Noise, partly_coloured
+from ffl.diagnose.predict.clipped import _behind_play, _side, _turned
 from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
-from ffl.diagnose.predict.loose_head import able, claimed, regapped, spared, start, with_loose_head
+from ffl.diagnose.predict.loose_head import (
+    able,
+    claimed,
+    regapped,
+    rescanned,
+    spared,
+    start,
+    whitened,
+    with_loose_head,
+)
 from ffl.diagnose.predict.moving import bracketed, vague
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
@@ -59,7 +69,7 @@ def test_density_behind_a_play_has_a_peak_for_each_side(y):
     centre, doubt, own, half = 0.7, 0.4, 0.3, 0.5  # of the stretch and of what moves the head
     x, p = np.array([0.2, centre]), np.diag([own**2, doubt**2])
     room = np.zeros(2), np.zeros((3, 2)), np.zeros((3, 2))
-    _, _, log = _behind_play(x, p, *room, np.array([1.0, -1.0]), 1, half, y, 0.01)
+    _, _, log = _behind_play(x, p, *room, np.array([1.0, -1.0]), 1, (-half, half), y, 0.01)
     stretch = scipy.stats.norm(centre, doubt)
 
     def density(z):
@@ -253,3 +263,52 @@ def test_a_gain_by_position_beside_a_play_is_told_from_where_no_mass_is_missing(
     assert found.model.names == (name, "backlash")
     assert abs(found.model.corrections["mass"]) < 0.01
     assert found.model.effects[0].parameters["centre"] == pytest.approx(0.02, abs=0.005)
+
+
+def test_a_play_is_held_to_the_peak_of_a_motion_that_turns_between_samples(stage):  # type: ignore[no-untyped-def]
+    """Shaken at 40 Hz a stage has gone further than where either sample sees it."""
+    known = replace(stage, machine=replace(stage.machine, sensor_noise=NOISE.sensor))
+    time = known.sample_time * np.arange(1500)
+    shaken = 4e-3 * np.sin(2 * np.pi * 40.0 * time) * np.minimum(time / 0.1, 1.0)
+    rng = np.random.default_rng(5)
+    run = SimulatedMachine(replace(known, effects=(PLAY,))).run(shaken, 0 * shaken, rng)
+    base = Base.of(known, float(np.ptp(run.y)))
+    trial = prepare(base.simulator, run, NOISE.sensor)
+    found = Slip(Model(base).with_effect(PLAY), NOISE)
+    white, _ = found.predict([trial])
+    assert np.mean(white**2) < 1.2  # 3.5 where it is held to the samples
+    assert found.scaled([trial])[0] == pytest.approx(
+        rescanned(found, [trial]).scaled([trial])[0], abs=5.0
+    )
+
+
+@pytest.mark.parametrize(("before", "after"), [(3.0, -1.0), (-0.5, 2.0), (1.0, 0.5), (4.0, -9.0)])
+def test_walls_of_a_play_after_a_step(before, after):
+    """Along a parabola, ending on the wall's side where it was pushed: the stretch of a dense path."""
+    share = np.linspace(0.0, 1.0, 20001)
+    path = before * share + 0.5 * (after - before) * share**2
+    stretch = np.sign(before)
+    for step in np.diff(path):
+        stretch = min(max(stretch + step, -1.0), 1.0)
+    low, high = _turned(1.0, before, after)
+    assert np.clip(np.sign(before) + path[-1], low, high) == pytest.approx(stretch, abs=1e-3)
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_noise_is_as_slow_as_it_foretells_better(stage, references, slow):  # type: ignore[no-untyped-def]
+    rng, size = np.random.default_rng(3), 0.02
+    prior = Noise(NOISE.sensor, size)
+    known = replace(stage, machine=replace(stage.machine, sensor_noise=NOISE.sensor))
+    shakes, more = size * rng.standard_normal((2, len(references[0])))
+    if slow:
+        pole = np.exp(-2 * np.pi * 30.0 * stage.sample_time)
+        more = scipy.signal.lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], more)
+        shakes = (shakes + more) / np.sqrt(2.0)
+    machine = SimulatedMachine(replace(known, effects=(PLAY,)))
+    run = replace(machine.run(references[0], None, rng, load=shakes), d=None)
+    base = Base.of(known, float(np.ptp(run.y)))
+    scene = Scene(known.loop, (prepare(base.simulator, run, NOISE.sensor),), partly_coloured(prior))
+    begun = Slip(Model(base).with_effect(PLAY), scene.noise)
+    found, heard = whitened(begun, scene, prior, scene.trials)
+    assert heard.noise == found.noise == (scene.noise if slow else prior)
+    assert found.worth(scene.trials) >= begun.worth(scene.trials)
