@@ -15,6 +15,7 @@ from ffl.effects import EFFECTS
 
 ASKED = 3.0  # standard errors: who is larger than that in any of its sizes is not asked
 ROUNDS = 8
+RESTLESS = 1.0  # log-likelihood that more rounds bring numbers which had not come to rest
 
 
 def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
@@ -29,15 +30,24 @@ def without_unneeded(held: Scene | None, standing: Judged) -> Judged:
         sizes = {i: sureness(current, i) for i in range(len(current.model.effects))}
         asked = [i for i in sorted(sizes, key=sizes.__getitem__) if sizes[i] < ASKED]
         asked = [i for i in asked if current.model.names[i] not in current.model.proven]
+        whole = _fitted_on(held, current) if asked else current
         for index in asked:
             bare = judge(current.scene, held, current.model.without(index), ROUNDS, current.fit)
-            kept = stays(current, bare, 0.0) or _told_by_both(current, bare)
-            if not kept and not _comes_to_more(current, bare):
+            kept = stays(whole, bare, 0.0) or _told_by_both(whole, bare)
+            if not kept and not _comes_to_more(whole, bare):
                 current = bare
                 break
         else:
-            break
+            return whole
     return current
+
+
+def _fitted_on(held: Scene | None, current: Judged) -> Judged:
+    """`current` after as many more rounds as who is left out gets, where they bring something: its numbers
+    may not have come to rest. (A mode of a motor whose share of the mass is free was 50 behind on held-out
+    recordings beside a spring alone; after 8 rounds more 10 ahead, and 1,549 on the fitted ones.)"""
+    on, stands = levelled([judge(current.scene, held, current.model, ROUNDS, current.fit), current])
+    return on if on.score > stands.score + RESTLESS else current
 
 
 def _told_by_both(current: Judged, bare: Judged) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from ffl.diagnose import diagnose
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.hypothesis.fit import fit
-from ffl.diagnose.hypothesis.ladders import overlooked, relieved, with_best_start
+from ffl.diagnose.hypothesis.ladders import evened, overlooked, relieved, with_best_start
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.screen.candidate import Candidate
@@ -87,6 +87,25 @@ def test_a_light_mode_begins_in_its_own_valley(stage, record, scenes):
     there = replace(astray, valleys=(EffectSpec("flexible_mode", LIGHT, seen.spec.options),))
     begun = with_best_start(scene, there).effects[-1].parameters
     assert begun["frequency"] == LIGHT["frequency"]
+
+
+def test_masses_are_evened_where_their_ratio_stands_at_a_bound(two_masses):
+    model = Model(Base.of(two_masses))
+
+    def of(ratio):
+        at = [{"side": side, "mass_ratio": ratio} for side in ("load", "motor")]
+        effects = (
+            EffectSpec("coulomb_friction", {"level": 1.0}, at[0]),
+            EffectSpec("viscous_friction", {"coefficient": 1.0}, at[1]),
+        )
+        return replace(model, effects=effects)
+
+    assert evened(of(3.0)) is None
+    assert evened(model) is None
+    for ratio in (0.05, 19.9):
+        other = evened(of(ratio))
+        assert [spec.options["mass_ratio"] for spec in other.effects] == [1.0, 1.0]
+        assert [spec.options["side"] for spec in other.effects] == ["load", "motor"]
 
 
 def test_every_peak_of_the_gain_is_a_valley_of_the_cost():
