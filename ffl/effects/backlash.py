@@ -192,6 +192,11 @@ class Backlash(Effect):
     def pack(self, values: Parameters, setting: Setting) -> list[float]:
         kind = self.kind_in(setting)
         if kind == "play":
+            self.require(
+                setting.mechanics.place is None,
+                'kind = "play" needs a plant whose output is a position; here it is a speed: take '
+                'kind = "load"',
+            )
             return [values["gap"]]
         mobility = setting.point(self.side_in(setting)).mobility
         if kind == "load":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters
+from ffl.effects.base import Effect, Motion, Parameter, Parameters, Setting
 from ffl.effects.law import MEAN, V0
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -30,6 +30,13 @@ class SensorLead(Effect):
     depends_on = ("velocity",)
     siblings = ("flexible_mode", "viscous_friction")
     law = staticmethod(_law)
+
+    def pack(self, values: Parameters, setting: Setting) -> list[float]:
+        self.require(
+            setting.mechanics.place is None,
+            "needs a plant whose output is a position; here it is a speed: state less delay instead",
+        )
+        return [values["lead"]]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
         return motion.v[:, None]

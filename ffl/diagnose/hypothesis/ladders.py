@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from ffl.diagnose.hypothesis.triangle import lengths
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.effects import EFFECTS
 from ffl.effects.base import Setting
+from ffl.effects.mechanics import Mechanics
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -108,7 +110,7 @@ def evened(model: Model) -> Model | None:
 def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
     """All starts of one valley."""
     mechanics = model.simulator.mechanics
-    forms = EFFECTS[spec.name].forms(len(mechanics.modes) > 1, mechanics.sample_time)
+    forms = _forms(spec.name, mechanics)
     values = [spec.parameters]
     ladder = EFFECTS[spec.name].ladder
     if ladder and ladder[0] in spec.parameters:
@@ -123,6 +125,12 @@ def _rungs(scene: Scene, model: Model, spec: EffectSpec) -> list[Model]:
         for form in forms
         for p in values
     ]
+
+
+def _forms(name: str, mechanics: Mechanics) -> list[dict[str, Any]]:
+    """Forms of the effect that such a plant may have: no play of a measuring head where y is a speed."""
+    forms = EFFECTS[name].forms(len(mechanics.modes) > 1, mechanics.sample_time)
+    return [form for form in forms if mechanics.place is None or form.get("kind") != "play"]
 
 
 def _best(scene: Scene, like: Fit, starts: Sequence[Model], below: float = np.inf) -> Model | None:
@@ -201,8 +209,10 @@ def _plays(scene: Scene, like: Fit, barred: Collection[str]) -> list[Candidate]:
         return []
     travelled = max(float(np.ptp(trial.y)) for trial in scene.trials)
     mechanics = like.model.simulator.mechanics
-    forms = EFFECTS[PLAY].forms(len(mechanics.modes) > 1, mechanics.sample_time)
+    forms = _forms(PLAY, mechanics)
     specs = [EffectSpec(PLAY, {"gap": float(g)}, f) for f in forms for g in travelled * GAPS]
+    if not specs:
+        return []
     start = _best(scene, like, [_beside(like.model, s) for s in specs], like.cost - TAKEN)
     if start is None:
         return []

@@ -80,6 +80,8 @@ ABSOLUTE = frozenset(  # effects that need the position itself, not only changes
 
 BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
 LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
+# What a scale adds by its place, or holds back: a speed has none, and its integral begins anew every time.
+OF_A_SCALE = frozenset({"encoder_ripple", "backlash"})
 # Of a mass, which lags in a row do not have.
 INERTIAL = frozenset({"flexible_mode", "mass_change", "preloaded_spring"})
 
@@ -244,6 +246,8 @@ class Screen:
             return drive_places(self.model)
         if effect.name in LEADING and (mechanics.place is not None or not mechanics.modes):
             return []  # the acceleration of what is measured as a speed is no motion of a point
+        if effect.name in OF_A_SCALE and mechanics.place is not None:
+            return []
         if effect.port != "force":
             return [Place(effect.port)]
         if effect.needs_mass and not mechanics.modes:
