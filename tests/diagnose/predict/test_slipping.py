@@ -126,17 +126,17 @@ def test_friction_that_needs_more_than_the_stated_noise_is_believed_where_that_t
     scene, held, model = seen(SKEWED)
     bare = judge(scene, held, model)
     before = Outcome(bare, [], held, {})
-    real, tried = dry_in_noise._louder, []
+    real, tried = dry_in_noise.louder, []
 
     def louder(noise, stated):  # type: ignore[no-untyped-def]
         tried.append(real(noise, stated))
         return 2.0 if len(tried) == 1 else tried[-1]
 
-    monkeypatch.setattr(dry_in_noise, "_louder", louder)
+    monkeypatch.setattr(dry_in_noise, "louder", louder)
     found = with_dry_friction(scene, held, before, model, scene.noise).standing
     assert len(tried) == 2
     assert found.model.names == ("asymmetric_friction",)
-    monkeypatch.setattr(dry_in_noise, "_louder", lambda *_: 2.0)
+    monkeypatch.setattr(dry_in_noise, "louder", lambda *_: 2.0)
     assert with_dry_friction(scene, held, before, model, scene.noise) is before
 
 
