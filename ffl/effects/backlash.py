@@ -23,7 +23,7 @@ from ffl.effects.law import (
     X1,
 )
 from ffl.effects.mechanics import Mechanics
-from ffl.effects.paths import play
+from ffl.effects.paths import beyond, play
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
@@ -32,16 +32,13 @@ def _play_law(p, s, io):  # type: ignore[no-untyped-def]
     """p: gap; s: output of the play relative to y, started (0 or 1), speed and time of the sample before.
 
     The load stays where it is while the motor crosses the gap (a load held by its own friction). Where
-    the motor turns within a sample, the load has gone as far as the peak of a constant acceleration,
-    v1^2/(2 a) beyond where the sample ends.
+    the motor turned since the sample before, the load has gone as far as it went in between.
     """
     half, x, v = 0.5 * p[0], io[X0], io[V0]
     if s[1] == 0.0:
         s[0], s[1] = x, 1.0
-    elif s[2] * v < 0.0:
-        peak = x + 0.5 * v * v * (io[TIME] - s[3]) / (s[2] - v)
-        s[0] = min(max(s[0], peak - half), peak + half)
-    s[0] = min(max(s[0], x - half), x + half)
+    for at in (x + beyond(s[2], v, io[TIME] - s[3]), x):
+        s[0] = min(max(s[0], at - half), at + half)
     s[2], s[3] = v, io[TIME]
     io[MEAN] += s[0] - x
 

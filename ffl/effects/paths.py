@@ -103,18 +103,24 @@ def bouc_wen(
     return z
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def beyond(v0, v1, step):  # type: ignore[no-untyped-def]
+    """By how much a motion of speeds `v0` and `v1` at the ends of a `step` went further than where it ends,
+    at constant acceleration a: v1^2/(2 a) where it turned, in the direction of `v0`; nothing elsewhere."""
+    return 0.5 * step * v1 * v1 / (v0 - v1) if v0 * v1 < 0.0 else 0.0
+
+
 @njit(cache=True)
-def _play(x, peaks, half, y):  # type: ignore[no-untyped-def]
+def _play(x, v, step, half, y):  # type: ignore[no-untyped-def]
     for k in range(1, len(x)):
-        held = min(max(y[k - 1], peaks[k] - half), peaks[k] + half)
-        y[k] = min(max(held, x[k] - half), x[k] + half)
+        y[k] = y[k - 1]
+        for at in (x[k] + beyond(v[k - 1], v[k], step), x[k]):
+            y[k] = min(max(y[k], at - half), at + half)
 
 
 def play(x: Array, gap: float, v: Array, step: float) -> Array:
-    """Output of a play of total width `gap` along `x`, centred at the start; `v`: its speed, by which it
-    has gone v^2/(2 a) further between two samples, `step` apart, where it turns."""
-    peaks, turns = np.array(x, float), np.flatnonzero(v[:-1] * v[1:] < 0.0)
-    peaks[turns + 1] += 0.5 * step * v[turns + 1] ** 2 / (v[turns] - v[turns + 1])
+    """Output of a play of total width `gap` along `x`, centred at the start and held as far as the motion
+    went; `v`: its speed, `step`: between two samples."""
     y = np.array(x, float)
-    _play(np.ascontiguousarray(x, float), peaks, 0.5 * gap, y)
+    _play(np.ascontiguousarray(x, float), np.ascontiguousarray(v, float), step, 0.5 * gap, y)
     return y

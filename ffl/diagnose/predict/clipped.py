@@ -204,6 +204,7 @@ def _turned(half, before, after):  # type: ignore[no-untyped-def]
     ends make: where it turned at its peak, one wall is held there and has gone back since."""
     if before * after >= 0.0:
         return -half, half
+    # As `paths.beyond`, which numba's cache of this file would not see change.
     back = min(0.5 * after * after / abs(before - after), 2.0 * half)
     return (-half, half - back) if before > 0.0 else (back - half, half)
 
@@ -286,9 +287,7 @@ def predicted(  # type: ignore[no-untyped-def]
                         total += other[i, k] * now[j, k]
                     p[i, j] = total
                     p[j, i] = total
-            place = 0.0
-            for i in range(n):
-                place += spot[i] * x[i]
+            place = _along(spot, x)
             v, square = _seen(x, p, friction, pq)
             bell = 0.0
             if ease[0] != 0.0 or ease[1] != 0.0:  # the mean of exp(-(v/w)^2) over the doubt
