@@ -145,13 +145,16 @@ class Slipping:
         given = np.column_stack([self.drive, self.load, self.force, *(f for _, f in self.driven)])
         block = np.zeros((m + given.shape[1],) * 2)
         block[:n, :n], block[:n, m:] = self.a, given
+        alone = np.r_[:n, m]  # the plant, no contact holding it, and the command
         if held > n:
             block[:n, n], block[n, :n] = -stiffness * self.force, self.speed
         if m > held:
             block[held, :n], block[held, m:] = self.output @ self.a, self.output @ given
-        whole = scipy.linalg.expm(block * step)
-        swing = _swing(whole[:held, :held], whole[:held, m])
+        rigid = scipy.linalg.expm(block[np.ix_(alone, alone)] * step)
+        swing = _swing(rigid[:n, :n], rigid[:n, n])
         large = np.sqrt(np.diag(swing))
+        if held > n:
+            large = np.append(large, self.table[1:].max() / stiffness)
         if m > held:  # a play hangs on what is measured and moves nothing
             large = np.append(large, 0.5 * self.play)
         steps = STEPS if held > n else parts
@@ -218,7 +221,10 @@ class Slipping:
 
     def _start(self, trial: Trial, power: Array, large: Array, swing: Array) -> tuple[Array, Array]:
         """State at the first sample and its covariance: as the linear model has it, in doubt by what noise
-        makes of it, and in motion by much more. `power`: variances of the noises."""
+        makes of it, and in motion by much more; a contact's stretch is anywhere within its bounds. What
+        noise makes of a machine that no contact holds, for every form of a friction alike: a doubt that
+        one makes smaller counts for it as if it foretold the first sample. `power`: variances of the
+        noises."""
         n, m = len(self.a), len(large)
         own = n - len(self.hung)
         known = np.vstack([np.eye(own), self.hung]) if len(self.hung) else np.eye(n)
@@ -227,7 +233,8 @@ class Slipping:
         x[:n] = known @ trial.start[:own]
         p[:n, :n] = known @ trial.doubt[:own, :own] @ known.T
         unrest = (1.0 if trial.at_rest else UNKNOWN) ** 2 * power[1:].sum()
-        p[:m, :m] += unrest * swing / np.outer(large, large)
+        p[:n, :n] += unrest * swing / np.outer(large[:n], large[:n])
+        p[n:m, n:m] = np.eye(m - n) / 3.0
         p[m:, m:] = np.diag(power)
         return x, p
 
