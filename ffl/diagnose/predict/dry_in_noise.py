@@ -321,12 +321,12 @@ def _forms(
             as_found = [_with(begun[-1], name, options, **own) for own in tables]
             begun_by += [way for model in as_found for way in _ways(model, noises)]
         tried = [refitted(one, short, of_others(one.model), FIRST) for one in begun_by]
-        best, *others = sorted(tried, key=lambda h: -h.worth(short))
-        if name in STIFF:
-            leans = best.worth(short) > plain.worth(short) + LEAN
-            forms.append(refitted(best, trials) if leans else best)
-        else:
-            forms.append(best_of([best, *others][:LIKELIEST], trials, short))
+        ranked = sorted(tried, key=lambda h: -h.worth(short))
+        if name not in STIFF:
+            forms.append(best_of(ranked[:LIKELIEST], trials, short))
+            continue
+        leans = ranked[0].worth(short) > plain.worth(short) + LEAN
+        forms.append(refitted(ranked[0], trials) if leans else ranked[0])
     forms.append(_of_the_mean(forms[-1], trials))
     either = [form for form in forms if form.model.names[-1] == BY_DIRECTION]
     forms.append(_of_one_level(max(either, key=lambda h: h.worth(trials)), trials))
