@@ -49,6 +49,9 @@ class Judged:
     held_white: Array
     held: Scene | None = None
     predicted: bool = False  # by what is left from sample to sample: no two free runs agree
+    price: float | None = (
+        None  # log-likelihood that its numbers cost; PER_NUMBER each where none is given
+    )
 
     @property
     def model(self) -> Model:
@@ -70,7 +73,8 @@ class Judged:
 
     @property
     def score(self) -> float:
-        return self.fitted + self.held_out - PER_NUMBER * self.freedom - self.fit.surprise
+        price = PER_NUMBER * self.freedom if self.price is None else self.price
+        return self.fitted + self.held_out - price - self.fit.surprise
 
     @property
     def name(self) -> str:

@@ -39,6 +39,7 @@ from ffl.diagnose.predict.company import along, separable
 from ffl.diagnose.predict.foretold import FIRST, best_of, of_others, refitted
 from ffl.diagnose.predict.play import GLANCE, LOOK, shortened
 from ffl.diagnose.predict.slipping import FORMS, LINEAR, PARTS, Slip, finer
+from ffl.diagnose.predict.smooth_table import smoothed
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -64,6 +65,8 @@ LIKELIEST = 3  # starts without friction that are fitted
 # Log-likelihood of a part of the samples: a contact that yields and brings less, and takes as long as
 # all other forms together, is not fitted on.
 LEAN = 1.0
+# Of what friction brings, that a table as smooth as is believed must bring beyond other forms.
+CURVED = 0.025
 LEAST = 0.005  # of what friction brings: true curves brought 0.04 and 0.07, a false one 0.002
 FOOTING = 50.0  # nats a recording: more is no matter of where it begins
 
@@ -192,6 +195,8 @@ def _best(rivals: Sequence[Judged], none: Judged | None) -> Judged | None:
     def worth(one: Judged) -> float:
         if one.model.names[-1] not in PLIABLE:
             return one.score
+        if one.price is not None:
+            return one.score - CURVED * brought
         told = one.held_out >= max(others, default=np.inf) + CLEAR
         return one.score - max(0.0 if told else share, LITTLE * brought)
 
@@ -237,6 +242,10 @@ def _still(model: Model, prior: Noise) -> bool:
     stood = [level_of(spec) for spec in model.effects if spec.name in DRY]
     noise = per * float(np.hypot(prior.force, prior.force_coloured))
     return any(level is not None and noise < STILL * level for level in stood)
+
+
+def _score(judged: Judged) -> float:
+    return judged.score
 
 
 def _worth(judged: Judged) -> tuple[float, float]:
@@ -330,8 +339,12 @@ def _forms(
     forms.append(_of_the_mean(forms[-1], trials))
     either = [form for form in forms if form.model.names[-1] == BY_DIRECTION]
     forms.append(_of_one_level(max(either, key=lambda h: h.worth(trials)), trials))
-    judged = [_judged(found, scene, held) for found in forms]
-    return _judged(none, scene, held), [one for one in judged if one is not None and _shown(one)]
+    judged = [one for one in (_judged(found, scene, held) for found in forms) if one is not None]
+    level = max((one for one in judged if one.model.names[-1] == "coulomb_friction"), key=_score)
+    free = next(form for form in forms if form.model.names[-1] in PLIABLE)
+    believed = smoothed(free, level, scene, held)
+    judged += [] if believed is None else [believed]
+    return _judged(none, scene, held), [one for one in judged if _shown(one)]
 
 
 def _of_one_level(either: Slip, trials: Sequence[Trial]) -> Slip:

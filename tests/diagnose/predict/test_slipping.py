@@ -293,7 +293,9 @@ def test_another_form_must_say_more_than_the_filter_errs_by(  # type: ignore[no-
     def judged(score, name, numbers):  # type: ignore[no-untyped-def]
         model = SimpleNamespace(names=(name,), coordinates=range(numbers))
         white = SimpleNamespace(white=np.zeros(16332))
-        return SimpleNamespace(score=score, held_out=score / 3.0, model=model, fit=white)
+        return SimpleNamespace(
+            score=score, held_out=score / 3.0, model=model, fit=white, price=None
+        )
 
     forms = [judged(brought, "coulomb_friction", 1), judged(brought + more, form, numbers)]
     assert dry_in_noise._best(forms, judged(0.0, "nothing", 0)) is forms[taken]
