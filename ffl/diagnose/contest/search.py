@@ -34,6 +34,7 @@ from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import claimants, crosses
 from ffl.diagnose.contest.modes import mode_elsewhere
 from ffl.diagnose.contest.parallel import each
+from ffl.diagnose.contest.restraint import as_far_as_told, worse
 from ffl.diagnose.contest.rounds import Outcome, Step, to_the_end
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import (
@@ -64,8 +65,6 @@ from ffl.diagnose.screen.glimpse import promising
 from ffl.diagnose.screen.views import View, entrants_of, screens
 
 FAINT = 16.0  # first-order gain below which a fit is not worth while
-WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
-BY_CHANCE = 0.05  # of noise that makes more
 ROUNDS = 2  # per effect that may join, those counted in which none does or one is turned down
 HALF = 0.5  # of the held-out sum of squares: less is left by no chance
 CLOSER = 0.75  # of it: what who is refused must leave to be followed where the rest may be noise
@@ -134,7 +133,7 @@ def _ahead(other: Outcome, outcome: Outcome, say: Callable[[str], None]) -> bool
     say(f"  {ahead.name} for {behind.name}: {ahead.score - behind.score:+.1f}")
     left = raw_error(other.held, ahead.model), raw_error(outcome.held, behind.model)
     better = ahead.score > behind.score + SUBSTITUTE
-    return better and not _worse(other.held, ahead, behind, *left)
+    return better and not worse(other.held, ahead, behind, *left)
 
 
 def go_on(
@@ -227,7 +226,9 @@ def _climb(
             continue
         error = raw_error(held, base.model)
         last = steps[-1].before if steps and not (again or patient) else None
-        if last is not None and _worse(held, base, last, error, last_error):
+        if last is not None:
+            base, error = as_far_as_told(held, base, last, error, last_error)
+        if last is not None and worse(held, base, last, error, last_error):
             # What came in last does not hold up on the held-out recordings once all is refitted.
             times = np.sqrt(error / last_error)
             say(f"  turned down again: held-out error {times:.2f} times as large")
@@ -387,12 +388,3 @@ def _above(several: Judged, single: Judged, rivals: Sequence[Judged]) -> bool:
     """Several effects at once are worth their numbers beside `single` and the best of its `rivals`."""
     several, *others = levelled([several, single, *rivals[:1]])
     return all(several.score > other.score + KEEP for other in others)
-
-
-def _worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: float) -> bool:
-    """Whether `judged`, less likely than `before` on the held-out recordings, leaves more there, `now`
-    for `then` (sums of squares), than one further effect may cost and than noise leaves."""
-    one, other = levelled([judged, before])
-    if one.held_out >= other.held_out or now <= WORSE * then:
-        return False
-    return now > WORSE * noise_error(held, judged.scene, BY_CHANCE)

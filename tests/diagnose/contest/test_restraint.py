@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.diagnose.contest.judging import judge
-from ffl.diagnose.contest.restraint import restrained
+from ffl.diagnose.contest.judging import judge, raw_error
+from ffl.diagnose.contest.restraint import as_far_as_told, restrained, worse
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.corrections import corrections
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
+from ffl.systems import EffectSpec
 
 STEP = 1e-3
 
@@ -34,14 +35,19 @@ def scene_and_held(two_masses, references):  # type: ignore[no-untyped-def]
     return scenes[0], scenes[1], Model(base)
 
 
+def astray(scene, held, model):  # type: ignore[no-untyped-def]
+    """A fit that has made of the mode what the moves hardly contradict."""
+    off = {"mode_1_damping": -0.5, "mode_1_frequency": 0.02}
+    judged = judge(scene, held, replace(model, corrections=off, held=frozenset(off)), 4)
+    free = replace(judged.model, held=frozenset())
+    return replace(judged, fit=replace(judge(scene, held, free, 0).fit, model=free))
+
+
 def test_a_mode_that_the_moves_hardly_show_stays_as_stated(scene_and_held):  # type: ignore[no-untyped-def]
     scene, held, model = scene_and_held
     names = [c.name for c in model.coordinates]
     assert {"mass", "mode_1_damping", "mode_1_frequency"} <= set(names)
-    astray = {"mode_1_damping": -0.5, "mode_1_frequency": 0.02}
-    judged = judge(scene, held, replace(model, corrections=astray, held=frozenset(astray)), 4)
-    free = replace(judged.model, held=frozenset())
-    judged = replace(judged, fit=replace(judge(scene, held, free, 0).fit, model=free))
+    judged = astray(scene, held, model)
     found = restrained(held, judged)
     assert not {"mode_1_damping", "mode_1_frequency"} & set(found.model.corrections)
     assert {"mode_1_damping", "mode_1_frequency"} <= found.model.held
@@ -66,3 +72,26 @@ def test_numbers_that_held_out_recordings_bear_out_stay(scene_and_held, two_mass
     judged = judge(scene, held, model, 8)
     found = restrained(held, judged)
     assert found.model.corrections["mass"] == pytest.approx(0.04, abs=0.004)
+
+
+def test_who_came_in_is_judged_by_stated_numbers_before_he_is_turned_down(scene_and_held):  # type: ignore[no-untyped-def]
+    scene, held, model = scene_and_held
+    before, judged = judge(scene, held, model, 0), astray(scene, held, model)
+    then, now = (raw_error(held, j.model) for j in (before, judged))
+    assert worse(held, judged, before, now, then)
+    found, left = as_far_as_told(held, judged, before, now, then)
+    assert found is not judged
+    assert left == raw_error(held, found.model)
+    assert not worse(held, found, before, left, then)
+    assert as_far_as_told(held, before, before, then, then) == (before, then)
+
+
+def test_who_leaves_more_by_stated_numbers_too_is_turned_down(scene_and_held):  # type: ignore[no-untyped-def]
+    """What he does himself is no number of the linear part."""
+    scene, held, model = scene_and_held
+    pulled = model.with_effect(EffectSpec("constant_load", {"force": 2.0}))
+    before, judged = (judge(scene, held, one, 0) for one in (model, pulled))
+    judged = replace(judged, scene=before.scene)  # not what he leaves taken for noise
+    then, now = (raw_error(held, j.model) for j in (before, judged))
+    assert worse(held, judged, before, now, then)
+    assert as_far_as_told(held, judged, before, now, then) == (judged, now)

@@ -36,7 +36,7 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
         asked.append(judged.model.names)
         return len(asked) == 1
 
-    monkeypatch.setattr(search, "_worse", worse)
+    monkeypatch.setattr(search, "worse", worse)
     monkeypatch.setattr(search, "_with_who_was_turned_down", lambda outcome, *_: outcome)
     outcome = search.contest(scene, held, model, THRESHOLD)
     # Asked in the form that it settled in: its own, or a near one of dry friction.
