@@ -340,9 +340,9 @@ def _forms(
     either = [form for form in forms if form.model.names[-1] == BY_DIRECTION]
     forms.append(_of_one_level(max(either, key=lambda h: h.worth(trials)), trials))
     judged = [one for one in (_judged(found, scene, held) for found in forms) if one is not None]
-    level = max((one for one in judged if one.model.names[-1] == "coulomb_friction"), key=_score)
+    rigid = [one for one in judged if one.model.names[-1] == "coulomb_friction"]
     free = next(form for form in forms if form.model.names[-1] in PLIABLE)
-    believed = smoothed(free, level, scene, held)
+    believed = smoothed(free, max(rigid, key=_score), scene, held) if rigid else None
     judged += [] if believed is None else [believed]
     return _judged(none, scene, held), [one for one in judged if _shown(one)]
 

@@ -12,8 +12,9 @@ approximation,
     log p(table) - log p(plain) = l(d^) - l(0) - min |[R C; I] z - [R d^; 0]|^2/2 - sum log |diag Q|,
 
 Q the triangle of [R C; I], and its least z is the table believed: one that the data do not see is plain.
-(Of 0.25 to 0.5 of a level up and down, its trace as loud as the noise: 8 to 27 of log-likelihood beyond
-plain friction, where 17 numbers more cost 68; by this 10, -1, 15 and 273. Plain friction: 1 to -5.)
+(Levels that go up and down by 0.25 to 0.5, their trace as loud as the noise: 9, 22, 27 and 298 of
+log-likelihood beyond plain friction, where 17 numbers more cost 68; by this -1, 10, 15 and 273. Of
+plain friction, 5 to 21 beyond it: -5 to 1.)
 """
 
 from __future__ import annotations
@@ -39,11 +40,10 @@ ROUND = 1e-9  # of K's diagonal, which rounding may take away
 
 def smoothed(table: Slip, plain: Judged, scene: Scene, held: Scene) -> Judged | None:
     """The fitted `table` as it is believed beside the `plain` level, all else fitted again; what its
-    levels cost is what they are worth less than they fit. None: no such plant."""
-    fit = table.fit(scene.trials)
-    if fit is None:
+    levels cost is what they are worth less than they fit. None: no such plant, or no level."""
+    fit, level = table.fit(scene.trials), plain.model.effects[-1].parameters["level"]
+    if fit is None or level <= 0.0:
         return None
-    level = plain.model.effects[-1].parameters["level"]
     at = [k for k, c in enumerate(table.model.coordinates) if c.place is not None]
     information = _information(fit.jacobian / np.sqrt(np.mean(fit.white**2)), at, table) * level
     off = table.theta[at] / level - 1.0

@@ -79,6 +79,9 @@ def test_a_level_that_goes_by_position_is_worth_more_than_a_plain_one_and_no_oth
     begun = {"grid": np.linspace(low, high, KNOTS).tolist(), "positive": flat, "negative": flat}
     free = fitted(EffectSpec("position_dependent_friction", {"level": LEVEL, "table": begun}))
     level = plain.judged(scene, held, plain.scaled(scene.trials)[0])
+    none = plain.model.effects[0].parameters | {"level": 0.0}
+    bare = replace(plain.model, effects=(EffectSpec("coulomb_friction", none),))
+    assert smoothed(free, replace(level, fit=replace(level.fit, model=bare)), scene, held) is None
     found = smoothed(free, level, scene, held)
     assert found.price != PER_NUMBER * found.freedom
     brought = found.score - level.score
