@@ -49,9 +49,7 @@ class Judged:
     held_white: Array
     held: Scene | None = None
     predicted: bool = False  # by what is left from sample to sample: no two free runs agree
-    price: float | None = (
-        None  # log-likelihood that its numbers cost; PER_NUMBER each where none is given
-    )
+    price: float | None = None  # what its numbers cost; PER_NUMBER each where none is given
 
     @property
     def model(self) -> Model:

@@ -22,7 +22,6 @@ from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 MISSED = 1.2  # mean square of a held-out run, whitened, from which stated numbers are tried again
 GAINED = 4.0  # log-likelihood of both kinds of recordings that they must bring
 TOLD = 3.0  # standard errors from which a number is told; where none is, stated ones must bring nothing
-
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
 BY_CHANCE = 0.05  # of noise that makes more
 
@@ -38,16 +37,19 @@ def worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: 
 
 def as_far_as_told(
     held: Scene | None, judged: Judged, before: Judged, now: float, then: float
-) -> tuple[Judged, float]:
+) -> tuple[Judged, float] | None:
     """`judged` and what it leaves held out, `now`; with stated numbers where that is `worse` than `then` as
-    fitted, by what the fit made of the linear part, and not with these. (A delay of 0.36 ms, 109 fitted:
-    the damping of a mode that the fitted moves hardly show, and the judging multisine does, went to half
-    with it, and the delay was turned down; with stated damping 0.333 +- 0.019 ms, explained.)"""
+    fitted, by what the fit made of the linear part, and not with these; None where it is with both. (A
+    delay of 0.36 ms, 109 fitted: the damping of a mode that the fitted moves hardly show, and the judging
+    multisine does, went to half with it, and the delay was turned down; with stated damping 0.333 +- 0.019
+    ms, explained.)"""
     if not worse(held, judged, before, now, then):
         return judged, now
     stated = restrained(held, judged)
+    if stated is judged:
+        return None
     less = raw_error(held, stated.model)
-    return (judged, now) if worse(held, stated, before, less, then) else (stated, less)
+    return None if worse(held, stated, before, less, then) else (stated, less)
 
 
 def restrained(held: Scene | None, judged: Judged) -> Judged:

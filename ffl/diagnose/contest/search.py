@@ -226,9 +226,10 @@ def _climb(
             continue
         error = raw_error(held, base.model)
         last = steps[-1].before if steps and not (again or patient) else None
-        if last is not None:
-            base, error = as_far_as_told(held, base, last, error, last_error)
-        if last is not None and worse(held, base, last, error, last_error):
+        kept = (
+            (base, error) if last is None else as_far_as_told(held, base, last, error, last_error)
+        )
+        if kept is None:
             # What came in last does not hold up on the held-out recordings once all is refitted.
             times = np.sqrt(error / last_error)
             say(f"  turned down again: held-out error {times:.2f} times as large")
@@ -240,6 +241,7 @@ def _climb(
             scene = replace(scene, trials=standing.scene.trials)
             held = standing.held
             continue
+        base, error = kept
         if not again:  # who came in and left again need not come a second time
             back = bool(steps) and steps[-1].before.model.names == base.model.names
             turned_down = set(steps[-1].joined) if back else set()

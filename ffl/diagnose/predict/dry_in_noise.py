@@ -244,10 +244,6 @@ def _still(model: Model, prior: Noise) -> bool:
     return any(level is not None and noise < STILL * level for level in stood)
 
 
-def _score(judged: Judged) -> float:
-    return judged.score
-
-
 def _worth(judged: Judged) -> tuple[float, float]:
     """Of the fitted recordings, its numbers charged, and of the held-out ones."""
     return judged.score - judged.held_out, judged.held_out
@@ -342,7 +338,7 @@ def _forms(
     judged = [one for one in (_judged(found, scene, held) for found in forms) if one is not None]
     rigid = [one for one in judged if one.model.names[-1] == "coulomb_friction"]
     free = next(form for form in forms if form.model.names[-1] in PLIABLE)
-    believed = smoothed(free, max(rigid, key=_score), scene, held) if rigid else None
+    believed = smoothed(free, max(rigid, key=lambda one: one.score), scene, held) if rigid else None
     judged += [] if believed is None else [believed]
     return _judged(none, scene, held), [one for one in judged if _shown(one)]
 
@@ -383,5 +379,5 @@ def _ways(model: Model, noises: Iterable[Noise]) -> list[Slip]:
 
 
 def _judged(found: Slip, scene: Scene, held: Scene) -> Judged | None:
-    fitted, factor = found.scaled(scene.trials)
-    return replace(found, noise=found.noise.scaled(factor)).judged(scene, held, fitted)
+    found, fitted = found.in_its_noise(scene.trials)
+    return found.judged(scene, held, fitted)

@@ -64,6 +64,11 @@ class Foretold:
         value = -0.5 * len(white) * (1.0 + np.log(square)) - logs.sum()
         return float(value), float(np.sqrt(square))
 
+    def in_its_noise(self, trials: Sequence[Trial]) -> tuple[Self, float]:
+        """(the same with all noise times the factor that suits `trials`, its log-likelihood there)."""
+        fitted, factor = self.scaled(trials)
+        return replace(self, noise=self.noise.scaled(factor)), fitted
+
     def columns(self, trials: Sequence[Trial], white: Array, fixed: Collection[int] = ()) -> Array:
         """Derivatives of the scaled prediction `white` by theta, (N, p); none by what is `fixed`."""
         theta = self.theta

@@ -276,8 +276,7 @@ def _judged(
     found: Slip, scene: Scene, held: Scene, trials: tuple[Trial, ...], prior: Noise
 ) -> Judged | None:
     """As a hypothesis of the contest, on the clocks that suit it."""
-    fitted, factor = found.scaled(trials)
-    found = replace(found, noise=found.noise.scaled(factor))
+    found, fitted = found.in_its_noise(trials)
     if scene.free_clocks:
         held = replace(held, trials=in_step(found, held.trials, 0))
     scene = replace(scene, trials=trials)

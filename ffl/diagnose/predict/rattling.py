@@ -138,8 +138,7 @@ def with_rattling(
     company, found = plainly(company, crossed(found, scene, held.trials), scene.trials)
 
     def told_of(other: Hypothesis) -> Judged | None:
-        fitted, factor = other.scaled(scene.trials)
-        other = replace(other, noise=other.noise.scaled(factor))
+        other, fitted = other.in_its_noise(scene.trials)
         louder = max(other.noise.sensor / scene.noise.sensor, other.noise.force / scene.noise.force)
         on = replace(held, trials=in_step(other, held.trials, 0)) if scene.free_clocks else held
         return other.judged(scene, on, fitted, max(1.0, louder / BELIEVED))

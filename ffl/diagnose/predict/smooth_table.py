@@ -50,9 +50,8 @@ def smoothed(table: Slip, plain: Judged, scene: Scene, held: Scene) -> Judged | 
     believed, price = _believed(information, off)
     theta = table.theta
     theta[at] = level * np.maximum(1.0 + believed, 0.0)
-    found = refitted(table.at(theta), scene.trials, fixed=at)
-    fitted, factor = found.scaled(scene.trials)
-    judged = replace(found, noise=found.noise.scaled(factor)).judged(scene, held, fitted)
+    found, fitted = refitted(table.at(theta), scene.trials, fixed=at).in_its_noise(scene.trials)
+    judged = found.judged(scene, held, fitted)
     if judged is None:
         return None
     worth = table.scaled(scene.trials)[0] - price - PER_NUMBER * plain.freedom
@@ -80,7 +79,7 @@ def _believed(information: Array, off: Array) -> tuple[Array, float]:
     root = scipy.linalg.cholesky(k, lower=True)
     told = np.vstack([information @ root, np.eye(2 * n)])
     wanted = np.concatenate([information @ off, np.zeros(2 * n)])
-    q, r = np.linalg.qr(told)
-    z = scipy.linalg.solve_triangular(r, q.T @ wanted)
+    r, seen = triangle(told, wanted)
+    z = scipy.linalg.solve_triangular(r, seen)
     left = wanted - told @ z
     return root @ z, float(0.5 * left @ left + np.sum(np.log(np.abs(np.diag(r)))))

@@ -32,11 +32,11 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
     scene, held, model = scenes(record(machine))
     asked = []
 
-    def worse(held, judged, before, now, then):
+    def kept(held, judged, before, now, then):
         asked.append(judged.model.names)
-        return len(asked) == 1
+        return None if len(asked) == 1 else (judged, now)
 
-    monkeypatch.setattr(search, "worse", worse)
+    monkeypatch.setattr(search, "as_far_as_told", kept)
     monkeypatch.setattr(search, "_with_who_was_turned_down", lambda outcome, *_: outcome)
     outcome = search.contest(scene, held, model, THRESHOLD)
     # Asked in the form that it settled in: its own, or a near one of dry friction.
