@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -14,58 +14,87 @@ from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.posterior import none_of_them
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections, times_as_much
+from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.maps.freemodel import Running
+from ffl.diagnose.maps.freemodel import FreeModel, Running
 from ffl.diagnose.maps.picture import MapPicture, picture
 from ffl.diagnose.maps.unnamed import Contest, compare
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.findings import finding
-from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
-from ffl.diagnose.proof.unvisited import unvisited
-from ffl.diagnose.proof.verdict import (
-    BEYOND,
-    LOUD,
-    LOUDER,
-    UNDECIDED,
-    foretold,
-    in_their_state,
-    is_unlike,
-    loudness,
-    refuted,
-    rounding,
-    verdict,
-)
+from ffl.diagnose.proof.rules import Ended, Said, verdict_of
+from ffl.diagnose.proof.verdict import BEYOND, UNDECIDED, in_their_state, rounding
 from ffl.diagnose.recorded import sound, where
 from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.states import linear_share, states
 from ffl.diagnose.recorded.warmth import with_warmth
-from ffl.diagnose.result import Diagnosis
+from ffl.diagnose.result import Diagnosis, Finding, ModelCorrection
 from ffl.effects import EFFECTS
 from ffl.effects.linear_mechanics import as_seen
 from ffl.errors import InputError
 from ffl.machines.simulator import Simulation
 from ffl.systems.plant import Plant
 from ffl.systems.plant_file import plant_from_dict, plant_to_dict
+from ffl.systems.state_space import Array
 
 SHORTEST = 200  # samples: fewer cannot tell physics from noise
-# Times the held-out nrmse before: names that leave more are not said. Where no noise is stated, all that
-# is left passes for noise, and names that leave no less have shown nothing.
-WORSE = 1.2
-RIGHTED = 0.5  # of the held-out error: what a right unit leaves at most
-IMPLAUSIBLE = 5.0  # times a mass or a gain: no machine is so far from its model, but a unit may be
-MOST = (
-    0.5  # of the nrmse before: where no noise is stated, nobody knows that more than this is noise
-)
 DELAY = "input_delay"
 LOGGED = (
     "a u that was logged as much before y looks the same where no controller is stated: see that both "
     "columns have one clock"
 )
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
-PARTED = 3.0  # times the nrmse of the model alone
+
+
+@dataclass(frozen=True)
+class Stands:
+    """What the answer's file and runs are made of: what stands in the contest, and the contest with the
+    nameless where that was asked."""
+
+    judged: Judged
+    contest: Contest
+    nominal: Model
+
+    @property
+    def maps(self) -> FreeModel | None:
+        alone = self.contest.alone
+        return alone.free if self.contest.verdict == "unnamed" and alone else None
+
+    @property
+    def bare(self) -> Model:
+        """The model without maps."""
+        if self.maps:
+            return self.maps.model
+        if self.contest.lost:
+            return self.contest.lost.fit.model
+        bursts_alone = self.contest.verdict == "unnamed" and self.judged.model.effects
+        return self.nominal if bursts_alone else self.judged.model
+
+    @property
+    def named(self) -> bool:
+        """It is what stands in the contest, and nothing without a name is in its place."""
+        return self.bare is self.judged.model
+
+    @property
+    def scene(self) -> Scene:
+        """The fitted recordings under the noise that is left."""
+        winner, lost = self.contest.winner, self.contest.lost
+        scene = winner.scene if winner else self.judged.scene
+        return scene.like(lost.fitted.scene) if lost else scene
+
+    def residuals(self) -> list[Array]:
+        """What is left of the fitted recordings, commands that did not arrive taken as lost."""
+        lost = self.contest.lost
+        if self.maps or not lost:
+            return self.scene.residuals(self.maps or self.bare) or []
+        return lost.fitted.scene.residuals(self.bare) or []
+
+    def plant(self, name: str) -> Plant:
+        """As a plant file gives it, to the last bit."""
+        bare = self.bare
+        fitted = replace(as_seen(bare.plant(), len(bare.effects)), name=name)
+        return plant_from_dict(plant_to_dict(fitted))
 
 
 def conclude(
@@ -76,7 +105,7 @@ def conclude(
     standing: Judged,
     outcome: Outcome,
     health: sound.Soundness,
-    notes: list[str],
+    notes: Sequence[str],
     rng: Generator,
 ) -> Diagnosis:
     """The result: `model` as its file states it, `nominal` with its runs `before` on the held-out
@@ -85,8 +114,8 @@ def conclude(
     standing = replace(standing, fit=turned)
     rounded = not standing.predicted and rounding(standing)
     if standing.predicted or rounded:  # nothing that is left says what is still missing
-        all_there_is = "named" if standing.predicted or standing.model.effects else "nothing"
-        nameless = Contest(all_there_is, None, None, 0.0, 0.0, None)
+        there = "named" if standing.predicted or standing.model.effects else "nothing"
+        nameless = Contest(there, None, None, 0.0, 0.0, None)
     else:
         scene = outcome.standing.scene.like(standing.scene)
         judging = (outcome.held or held).like(scene)
@@ -94,105 +123,24 @@ def conclude(
         first = outcome.steps[0].before if outcome.steps else standing
         if nameless.verdict == "nothing" and len(first.model.effects) < len(standing.model.effects):
             return conclude(model, nominal, before, held, first, outcome, health, notes, rng)
-    maps = nameless.alone.free if nameless.verdict == "unnamed" and nameless.alone else None
-    lost = nameless.lost
-    bare = maps.model if maps else lost.fit.model if lost else standing.model
-    if nameless.verdict == "unnamed" and standing.model.effects and not (maps or lost):
-        bare = nominal  # bursts alone
-    fitted = replace(as_seen(bare.plant(), len(bare.effects)), name=model.name)
-    running = plant_from_dict(plant_to_dict(fitted))
-    observed = held.observed
-    augmented = replace(running, controller=model.controller) if observed else running
-    after = [run_plant(running, trial, observed) for trial in held.trials]
-    quiet = nameless.winner.scene if nameless.winner else standing.scene
-    if lost:
-        quiet = quiet.like(lost.fitted.scene)
-    held = held.like(quiet)
-    proof = prove(held, before, after, quiet, rng, running, observed)
-    if maps:
-        begun = with_starts(held, Running(maps))  # the start too was another's, who stands no more
-        proof = with_map(proof, with_warmth(begun, maps), maps)
-        share = (proof.nrmse_with_map or 0.0) / max(proof.noise_floor, 1e-300)
-        if share > BEYOND:
-            notes.append(
-                f"the map leaves {share:.2g} times what noise alone would: it is not the whole of it"
-            )
-    effects = standing.model.effects
-    trusted = not standing.predicted and not nameless.led
-    runs = proof.nrmse_after / proof.noise_floor if trusted and proof.noise_floor > 0 else 1.0
-    said, place = verdict(model, standing, nameless, runs)
-    if rounded and said == "partly_explained":
-        said = "explained"
-    told, sizeless = named(standing, model, said != "partly_explained")
-    if effects and not told and not sizeless and nameless.verdict == "named":
-        said, place = "nothing_missing", where.Place("", "", ())
-    if sizeless:
-        said = said if told else "unnamed"
-    left_over = loudness(model, standing)
-    if told and said == "partly_explained" and left_over > LOUDER:
-        notes.append(
-            f"what is left is {left_over:.2g} times as loud as the plant file's noise can make it"
-        )
-    if said == "partly_explained":
-        beyond = unvisited(standing.model.names, quiet.trials, held.trials, model.output_unit)
-        notes += [beyond] if beyond else []
-    another = trusted and is_unlike(proof.nrmse_after, proof.nrmse_with_map)
-    another = another and not 0.0 < left_over <= LOUD  # noise may be most there is
-    noisy = WORSE if model.machine.states_noise else 1.0
-    worse = trusted and not proof.nrmse_after < noisy * proof.nrmse_before
-    if standing.predicted and "backlash" in standing.model.names:
-        said, note = foretold(said, proof)
-        notes.append(note)
-    worse = worse or _parted(standing, proof)
-    seen = {e.name for e in effects} <= standing.model.proven  # directly, in what was recorded
-    if effects and worse and said != "unnamed":
-        said, place = ("partly_explained", place) if seen else refuted(nameless)
-    if said == "explained" and effects and trusted and not proof.improves:
-        said = "partly_explained"
-        notes.append("free runs of the held-out recordings are no better for what was named")
-    unsure = trusted and not model.machine.states_noise
-    if said == "explained" and unsure and proof.nrmse_after > MOST * proof.nrmse_before:
-        said = "partly_explained"
-        notes.append(
-            "no noise is stated, and nobody knows that as much as is left is noise: state sensor_noise "
-            "and force_noise in [machine]"
-        )
-    elif said == "explained" and unsure and (loud := loudness(model, standing, True)) > LOUDER:
-        said = "partly_explained"
-        notes.append(
-            f"what is left is {loud:.2g} times as loud as the stated sensor_noise can make it; no "
-            "force_noise is stated, and nobody knows that the rest is noise: state it in [machine]"
-        )
-    if another:
-        said = "inconclusive"
-        place = where.Place("plant", "the model as a whole: it is unlike the machine recorded", ())
-    off = times_as_much(standing) if said != "unnamed" else 1.0
-    implausible = not 1.0 / IMPLAUSIBLE < off < IMPLAUSIBLE
-    # A wrong unit is most of the mismatch; a mass that runs off and leaves it stands for nothing.
-    mistaken = implausible and not (trusted and proof.nrmse_after > RIGHTED * proof.nrmse_before)
-    if mistaken:
-        place = where.Place(
-            "plant", f"the plant's gain or a unit: {off:.4g} times as much per u", ()
-        )
-    elif implausible:
-        place = where.Place("", "what was fitted is no machine, and explains nothing", ())
-    said = "inconclusive" if implausible else said
-    if said == "inconclusive" or (said == "unnamed" and proof.nrmse_after > proof.nrmse_before):
-        # Nothing is claimed, no file holds it. (In one stood a dead zone of 43 N m and 62 % less mass.)
-        augmented, proof = model, proof.withdrawn
-    elif sizeless:
-        stands = " and ".join(sizeless)
-        notes.append(
-            f"{stands} in augmented.toml: no size of its own is told, it stands in for another"
-        )
-    if DELAY in {standing.model.effects[index].name for index in told} and not model.controller:
-        notes.append(LOGGED)
+    stands = Stands(standing, nameless, nominal)
+    fitted = stands.plant(model.name)
+    proof, short = _proved(stands, fitted, held, before, rng)
+    held, quiet = held.like(stands.scene), stands.scene
+    ended = Ended(model, standing, nameless, proof, rounded, quiet.trials, held.trials)
+    said = verdict_of(ended)
+    stated = replace(fitted, controller=model.controller) if held.observed else fitted
+    worse = proof.nrmse_after > proof.nrmse_before
+    if withdrawn := said.nothing_claimed or (said.verdict == "unnamed" and worse):
+        # No file holds it. (In one stood a dead zone of 43 N m and 62 % less mass.)
+        stated, proof = model, proof.withdrawn
+    moved = _corrections(stands, said)
+    notes = [*notes, *short, *said.notes, *_remarks(stands, said, withdrawn, proof, moved, model)]
     raw = replace(quiet, trials=tuple(t.recorded for t in quiet.trials)).residuals(nominal) or []
     maps_before = where.maps(quiet, quiet.whiten(raw)) if raw else ()
-    explained = lost.fitted.scene if lost else quiet
-    left = (quiet.residuals(maps) if maps else explained.residuals(bare)) or []
-    maps_after = where.maps(quiet, quiet.whiten(left)) if left else ()
-    if said != "nothing_missing":
+    left = stands.residuals()
+    place = said.place
+    if said.verdict != "nothing_missing":
         motions = [nominal.simulate(trial).motion() for trial in quiet.trials]
         place = replace(
             place,
@@ -203,54 +151,94 @@ def conclude(
         )
         place = in_their_state(place, nameless, place.states)
     experiment = None
-    if said != "nothing_missing" and not another and not observed:
+    if said.verdict != "nothing_missing" and not ended.unlike and not held.observed:
         with suppress(InputError):  # limits too narrow for any move or wave
-            heard = () if said == "unnamed" else told
+            heard = () if said.verdict == "unnamed" else said.told
             experiment = plan(standing.scene, standing.fit, outcome, nameless, heard)
-    moved = corrections(standing) if bare is standing.model else ()
-    # The formula is said of that machine, also where the map alone stands and no file holds it.
-    if maps:
-        moved = beside_maps(bare)
-    elif said == "inconclusive":
-        moved = ()
-    gain = as_gain(standing) if told and said != "inconclusive" and bare is standing.model else None
-    if gain is not None:
-        notes.append(
-            "mass, damping and stiffness are off by one and the same share: one number says as much, the "
-            f"gain of the drive, {100.0 * gain:+.3g} %"
-        )
-    lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
-    if said == "nothing_missing" and lowered and not moved:
-        notes.append(
-            "the numbers of the linear part were moved together, none by three of its standard errors: "
-            "what they lower the error to is augmented.toml's"
-        )
-    findings = tuple(
-        finding(standing, index, outcome, model, none_of_them(said == "explained", left_over))
-        for index in told
-    )
+    mistaken = said.nothing_claimed and ended.mistaken
+    advice = _advice(said.verdict, place, experiment, model)
+    findings: tuple[Finding, ...] = ()
+    if said.verdict != "unnamed" and not said.nothing_claimed:
+        elsewhere = none_of_them(said.verdict == "explained", ended.loud)
+        findings = tuple(finding(standing, k, outcome, model, elsewhere) for k in said.told)
+    seen = stands.named and standing.model.effects
     return Diagnosis(
         plant=model,
-        augmented=augmented,
-        verdict=said,
+        augmented=stated,
+        verdict=said.verdict,
         place=place,
-        findings=findings if said not in ("unnamed", "inconclusive") else (),
+        findings=findings,
         corrections=moved,
         proof=proof,
-        advice=(too_large(off),) if mistaken else _advice(said, place, experiment, model),
+        advice=(too_large(ended.times),) if mistaken else advice,
         experiment=experiment,
         soundness=health,
         steps=tuple(outcome.steps),
         judged=standing,
         maps_before=maps_before,
-        maps_after=maps_after,
+        maps_after=where.maps(quiet, quiet.whiten(left)) if left else (),
         notes=tuple(notes),
         nameless=nameless,
         pictures=_pictures(nameless),
-        forces=where.forces(standing.scene, standing.model)
-        if effects and bare is standing.model
-        else None,
+        forces=where.forces(standing.scene, standing.model) if seen else None,
     )
+
+
+def _proved(
+    stands: Stands, fitted: Plant, held: Scene, before: Sequence[Simulation], rng: Generator
+) -> tuple[Proof, list[str]]:
+    """The proof of the `fitted` plant on the held-out recordings, and what it says of a map."""
+    after = [run_plant(fitted, trial, held.observed) for trial in held.trials]
+    judging, maps = held.like(stands.scene), stands.maps
+    proof = prove(judging, before, after, stands.scene, rng, fitted, held.observed)
+    if maps is None:
+        return proof, []
+    begun = with_starts(judging, Running(maps))  # the start too was another's, who stands no more
+    proof = with_map(proof, with_warmth(begun, maps), maps)
+    share = (proof.nrmse_with_map or 0.0) / max(proof.noise_floor, 1e-300)
+    if share <= BEYOND:
+        return proof, []
+    return proof, [
+        f"the map leaves {share:.2g} times what noise alone would: it is not the whole of it"
+    ]
+
+
+def _corrections(stands: Stands, said: Said) -> tuple[ModelCorrection, ...]:
+    """Numbers of the linear part; those of a formula are said beside it, also where no file holds them."""
+    if stands.maps:
+        return beside_maps(stands.bare)
+    return corrections(stands.judged) if stands.named and not said.nothing_claimed else ()
+
+
+def _remarks(
+    stands: Stands,
+    said: Said,
+    withdrawn: bool,
+    proof: Proof,
+    moved: Sequence[ModelCorrection],
+    model: Plant,
+) -> Iterator[str]:
+    """What a reader of the numbers ought to know of them."""
+    if said.sizeless and not withdrawn:
+        yield (
+            f"{' and '.join(said.sizeless)} in augmented.toml: no size of its own is told, it stands in "
+            "for another"
+        )
+    names = {stands.judged.model.effects[index].name for index in said.told}
+    if DELAY in names and not model.controller:
+        yield LOGGED
+    able = said.told and not said.nothing_claimed and stands.named
+    if able and (gain := as_gain(stands.judged)) is not None:
+        yield (
+            "mass, damping and stiffness are off by one and the same share: one number says as much, the "
+            f"gain of the drive, {100.0 * gain:+.3g} %"
+        )
+    lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
+    if said.verdict == "nothing_missing" and lowered and not moved:
+        yield (
+            "the numbers of the linear part were moved together, none by three of its standard errors: "
+            "what they lower the error to is augmented.toml's"
+        )
 
 
 def within_a_turn(model: Model) -> Model:
@@ -345,13 +333,6 @@ def too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
         f"{samples} samples cannot tell physics from noise: record at least {SHORTEST}, some seconds "
         "of motion with reversals",
     )  # fmt: skip
-
-
-def _parted(standing: Judged, proof: Proof) -> bool:
-    """Free runs of what was told by prediction are far off: those of a play may be, of a friction they are
-    not. (A limit and a friction left 27 times what nothing did of a stage that friction held.)"""
-    told = standing.predicted and "backlash" not in standing.model.names
-    return told and proof.nrmse_after > PARTED * proof.nrmse_before
 
 
 def unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from ffl.diagnose.proof.conclude import PARTED, _parted
+from ffl.diagnose.proof.rules import PARTED, parted
 
 
 @pytest.mark.parametrize(
-    ("names", "predicted", "times", "parted"),
+    ("names", "predicted", "times", "far"),
     [
         (("saturation", "stribeck_friction"), True, 1.1 * PARTED, True),
         (("saturation", "stribeck_friction"), True, 0.9 * PARTED, False),
@@ -18,7 +18,7 @@ from ffl.diagnose.proof.conclude import PARTED, _parted
         (("coulomb_friction", "backlash"), True, 1.1 * PARTED, False),  # a loop that rattles parts
     ],
 )
-def test_a_friction_whose_free_runs_are_far_off_is_none(names, predicted, times, parted):
+def test_a_friction_whose_free_runs_are_far_off_is_none(names, predicted, times, far):
     standing = SimpleNamespace(predicted=predicted, model=SimpleNamespace(names=names))
     proof = SimpleNamespace(nrmse_before=0.04, nrmse_after=0.04 * times)
-    assert _parted(standing, proof) is parted
+    assert parted(standing, proof) is far
