@@ -99,6 +99,8 @@ def _imported(source: Path) -> dict[str, Path]:
     return {
         alias.asname or alias.name: Path(__file__).with_name(f"{node.module.rpartition('.')[2]}.py")
         for node in tree.body
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ffl.effects.")
+        if isinstance(node, ast.ImportFrom)
+        and node.module
+        and node.module.startswith("ffl.effects.")
         for alias in node.names
     }

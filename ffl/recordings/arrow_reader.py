@@ -23,7 +23,9 @@ def read_arrow(path: Path) -> Table:
             f"{path}: reading Arrow needs pyarrow; install it with pip install 'ffl[parquet]'"
         ) from None
 
-    def opened(options: ipc.IpcReadOptions | None = None) -> object:
+    def opened(
+        options: ipc.IpcReadOptions | None = None,
+    ) -> ipc.RecordBatchFileReader | ipc.RecordBatchStreamReader:
         with path.open("rb") as file:
             whole = file.read(6) == b"ARROW1"  # otherwise a stream, which has no mark
         return (ipc.open_file if whole else ipc.open_stream)(path, options=options)

@@ -121,11 +121,11 @@ def _load(wanted: Sequence[str], *, rows: Rows) -> dict[str, Array]:
         ragged = ragged_line(body, separator, first.count(separator.encode()))
         expected = first.count(separator.encode()) + 1
         if ragged is not None:
-            line, cells = ragged
+            line, there = ragged
             last = line == body.count(b"\n")
             mend = "the file is cut off; export it again" if last else "give every row as many"
             raise InputError(
-                f"{path}: line {skipped + line + 1} has {cells} columns, the lines before have "
+                f"{path}: line {skipped + line + 1} has {there} columns, the lines before have "
                 f"{expected}; {mend}"
             )
     # Anywhere in the body: a machine at rest may write its first rows without decimals.

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 Array = np.ndarray
+Severity = Literal["fault", "warning", "note"]
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class Finding:
     kind: str
     where: str
     text: str
-    severity: Literal["fault", "warning", "note"]
+    severity: Severity
     time_s: tuple[tuple[float, float], ...] = ()
     value: float | None = None
 

@@ -91,7 +91,8 @@ def turns(x: Array, turn: float) -> Array:
 def unwrapped(recording: Recording, turn: float) -> tuple[Recording, int]:
     """(the recording with r, y and y_load going on where they start again, how often one of them does); y
     begins within half a turn of r, where there is one, and y_load of y."""
-    out, often = {}, 0
+    out: dict[str, Array] = {}
+    often = 0
     for name in ("r", "y", "y_load"):
         if name in recording.missing or getattr(recording, name) is None:
             continue
@@ -104,7 +105,12 @@ def unwrapped(recording: Recording, turn: float) -> tuple[Recording, int]:
             often += len(at)
     if not often:
         return recording, 0
-    mended = replace(recording, **out)
+    mended = replace(
+        recording,
+        r=out.get("r", recording.r),
+        y=out.get("y", recording.y),
+        y_load=out.get("y_load", recording.y_load),
+    )
     if not mended.is_open_loop and "r" not in mended.missing:
         apart = turn * np.round((mended.r[0] - mended.y[0]) / turn)
         mended = replace(mended, y=mended.y + apart)

@@ -152,7 +152,7 @@ class Block:
     def load(self, wanted: Sequence[int], timed: bool) -> tuple[dict[int, Array], Array]:
         """Channels by column, and where asked for the time that they share; else an empty array."""
         asked = list(wanted) or [self.first]
-        clocks = [clock for column in asked if (clock := self.clock_of(column)) is not None]
+        clocks = [x for column in asked if (x := self.clock_of(column)) is not None]
         found = self.columns(list(dict.fromkeys([*asked, *(clocks if timed else ())])))
         if not timed:
             return found, np.zeros(0)

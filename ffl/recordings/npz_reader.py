@@ -38,6 +38,7 @@ def read_npz(path: Path) -> Table:
 
 def _fields(archive: NpzFile, key: str) -> list[tuple[str, ...]]:
     """Where the columns of one array lie: itself, or each of its fields; by its header alone."""
+    assert archive.zip is not None  # only once it is closed
     with archive.zip.open(f"{key}.npy" if f"{key}.npy" in archive.zip.namelist() else key) as file:
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0

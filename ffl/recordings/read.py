@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +83,9 @@ def read_recordings(
     """Every recording in a file, in the order of its mapping; see `read_recording`."""
     path, name = _split_name(path, None)
     rules = _rules(path, mapping)
-    names = [name] if name else [part.name for part in rules.recordings] or [None]
+    names: Sequence[str | None] = [name]
+    if not name:
+        names = [part.name for part in rules.recordings] or [None]
     return tuple(
         read_recording(path, rules, name=n, sample_time=sample_time, check=check) for n in names
     )
@@ -125,9 +127,9 @@ def _build(
             f"{source}: columns have unequal lengths ({said}); map columns of one recording"
         )
     n = next(iter(lengths.values()))
-    values = {c: x if isinstance(x, np.ndarray) else np.full(n, x) for c, x in values.items()}
+    whole = {c: x if isinstance(x, np.ndarray) else np.full(n, x) for c, x in values.items()}
     first, stop = _rows(part.rows, n, source)
-    signals = {c: x[first:stop] for c, x in values.items()}
+    signals = {c: x[first:stop] for c, x in whole.items()}
     place = _placed(table.where, first)
     check_length(stop - first, source)
     for c, x in signals.items():

@@ -106,19 +106,20 @@ class Recording:
         missing = {name for name, values in given.items() if values is None}
         y = _column(y, "y", source)
         n = len(y)
-        if u is None and f is None and r is None:
-            raise InputError(
-                f"{source}: nothing says what drove the machine; give u, or f, or r where a "
-                "controller is known"
-            )
-        if t is None:
-            t = start + sample_time * np.arange(n)
         if r is None:
-            u, f = (f if u is None else u), (u if f is None else f)
+            drive = f if u is None else u
+            if drive is None:
+                raise InputError(
+                    f"{source}: nothing says what drove the machine; give u, or f, or r where a "
+                    "controller is known"
+                )
+            u, f = drive, (drive if f is None else f)
             r = np.zeros(n)
         else:
             f = np.zeros(n) if f is None else f
             u = np.full(n, np.nan) if u is None else u
+        if t is None:
+            t = start + sample_time * np.arange(n)
         said = tuple(_FILLED[name] for name in ("r", "f", "u") if name in missing)
         return cls(
             t,

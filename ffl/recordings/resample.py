@@ -50,9 +50,18 @@ def resample_recording(recording: Recording, sample_time: float) -> Recording:
         f"resampled from {old:.6g} s to {sample_time:.6g} s by {up}/{down}, zero-phase low-pass at "
         f"{_CUT * 0.5 / max(old, sample_time):.4g} Hz"
     )
-    t = recording.t[0] + sample_time * np.arange(n)
-    notes = (*recording.notes, note)
-    return replace(recording, t=t, sample_time=sample_time, notes=notes, **signals)
+    return replace(
+        recording,
+        t=recording.t[0] + sample_time * np.arange(n),
+        r=signals["r"],
+        f=signals["f"],
+        u=signals["u"],
+        y=signals["y"],
+        d=signals.get("d"),
+        y_load=signals.get("y_load"),
+        sample_time=sample_time,
+        notes=(*recording.notes, note),
+    )
 
 
 def _resampled(x: Array, up: int, down: int, n: int) -> Array:

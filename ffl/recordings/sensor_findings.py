@@ -6,9 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffl.recordings.finding import Array, Finding, equal_runs, spans
+from ffl.recordings.finding import Array, Finding, Severity, equal_runs, spans
 from ffl.recordings.recording import Recording
 
+_CONSTANT: tuple[tuple[str, Severity, str], ...] = (
+    ("y", "fault", "the sensor measured nothing"),
+    ("u", "warning", "nothing excites the machine"),
+    ("r", "note", "the machine holds one place"),
+    ("f", "note", "it tells nothing about the machine"),
+    ("d", "note", "it tells nothing about the machine"),
+    ("y_load", "warning", "the second encoder measured nothing"),
+)
 _SHORTEST = 3
 _FROZEN = 8
 _LAGS = (1, 3, 10)
@@ -20,14 +28,7 @@ the start that ends it, together. Sticking starts gently however hard it stopped
 def constant_findings(recording: Recording) -> list[Finding]:
     """Columns that never change: nothing can be learned from them."""
     found = []
-    for name, severity, says in (
-        ("y", "fault", "the sensor measured nothing"),
-        ("u", "warning", "nothing excites the machine"),
-        ("r", "note", "the machine holds one place"),
-        ("f", "note", "it tells nothing about the machine"),
-        ("d", "note", "it tells nothing about the machine"),
-        ("y_load", "warning", "the second encoder measured nothing"),
-    ):
+    for name, severity, says in _CONSTANT:
         x = getattr(recording, name)
         if x is None or name in recording.missing or np.ptp(x) > 0:
             continue

@@ -100,11 +100,12 @@ def _timing(recording: Recording, sample_time: float | None) -> list[Finding]:
     found = []
     measured = "t" not in recording.missing and len(recording) > 2
     sampling = examine_time(recording.t) if measured else None
-    for fault in sampling.faults if sampling else ():
+    faults, gaps = (sampling.faults, sampling.gaps) if sampling else ((), ())
+    for fault in faults:
         t = recording.t
         spans = [(fault.row - 1, fault.row)]
         if fault.kind == "gap":
-            spans = [(row - 1, row) for row, _ in sampling.gaps]
+            spans = [(row - 1, row) for row, _ in gaps]
         found.append(
             Finding(
                 fault.kind,

@@ -69,7 +69,7 @@ def _clock(match: re.Match[str]) -> float:
 
 def _days(dates: set[tuple[str, ...]], order: str) -> dict[tuple[str, ...], int] | None:
     """Days since 1970 of every date; None where one does not exist."""
-    out = {}
+    out: dict[tuple[str, ...], int] = {}
     for a, mark, b, c in dates:
         if len(a) > 2:
             year, month, day = a, b, c

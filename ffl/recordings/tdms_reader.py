@@ -122,6 +122,8 @@ def _shift(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
     """By how much the second channel starts later [s]; a time is whole seconds and 2^-64 of one."""
     shift = float(other.get("wf_start_offset", 0.0)) - float(one.get("wf_start_offset", 0.0))
     a, b = one.get("wf_start_time"), other.get("wf_start_time")
+    if a is None or b is None:
+        return shift
     if hasattr(a, "second_fractions") and hasattr(b, "second_fractions"):
         shift += (b.seconds - a.seconds) + (b.second_fractions - a.second_fractions) / 2**64
     return shift

@@ -79,9 +79,7 @@ def read_xlsx(path: Path) -> Table:
                 cells = _columns(book[title], own)
                 for name, (sheet, _) in own.items():
                     place = f"{path}: {f'sheet {title}, ' * (len(sheets) > 1)}"
-                    out[name] = _numbers(
-                        cells[name], lambda k, p=place, s=sheet: f"{p}row {s.first + k}", name
-                    )
+                    out[name] = _numbers(cells[name], _rows(place, sheet.first), name)
         return out
 
     one_first = len({sheet.first for sheet in sheets}) == 1
@@ -155,6 +153,10 @@ def _columns(sheet: Any, places: dict[str, tuple[Sheet, int]]) -> dict[str, list
         while cells and _text(cells[-1]) == "":
             cells.pop()
     return columns
+
+
+def _rows(place: str, first: int) -> Callable[[int], str]:
+    return lambda k: f"{place}row {first + k}"
 
 
 def _kind(cell: Any) -> str:
