@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,15 +28,25 @@ class Body:
     moving_mass: float
 
 
-def _body(mass, damping, stiffness, motor, load, gauge, constant, moving, gauge_rate=None) -> Body:
+Vector = Sequence[float] | np.ndarray
+
+
+def _body(
+    mass: float | np.ndarray,
+    damping: float | np.ndarray,
+    stiffness: float | np.ndarray,
+    motor: Vector,
+    load: Vector,
+    gauge: Vector,
+    constant: float,
+    moving: float,
+    gauge_rate: np.ndarray | None = None,
+) -> Body:
     n = len(motor)
+    m, d, k = (np.array(a, float).reshape(n, n) for a in (mass, damping, stiffness))
     rate = np.zeros(n) if gauge_rate is None else gauge_rate
-    return Body(
-        *(np.array(a, float).reshape(n, n) for a in (mass, damping, stiffness)),
-        *(np.array(a, float) for a in (motor, load, gauge, rate)),
-        float(constant),
-        float(moving),
-    )
+    pushed, far, seen, seen_rate = (np.array(a, float) for a in (motor, load, gauge, rate))
+    return Body(m, d, k, pushed, far, seen, seen_rate, float(constant), float(moving))
 
 
 def rigid(p: dict) -> Body:
@@ -94,8 +104,8 @@ KERNEL_2018 = {
     "zeros": (*np.roots([1, -1.963, 0.9704]), *np.roots([1, -2.007, 1.041])),
     "poles": (1.0, 1.0, *np.roots([1, -1.927, 0.9418]), *np.roots([1, -1.893, 0.9418])),
     "gain": 4.0564e-4,
-    "controller": ([0.9834], [0.8597], 59.073),
 }
+CONTROLLER_2018 = ((0.9834,), (0.8597,), 59.073)
 
 
 def kernel2018(p: dict) -> Body:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -11,6 +12,18 @@ from ffl.challenge.body import Body
 from ffl.challenge.linear import Servo
 
 N_GRID = 33  # nodes of a friction table
+
+
+class Draws(Protocol):
+    """What the numbers of an effect are drawn from: a generator, or one that moves a number."""
+
+    def uniform(
+        self, low: float = ..., high: float = ..., size: int | None = ...
+    ) -> float | np.ndarray: ...
+
+    def choice(self, values: list, /) -> object: ...
+
+    def random(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -89,7 +102,16 @@ class Build:
         row[2 : 2 + len(parameters)] = parameters
         self.elements.append(row)
 
-    def add_dry(self, port: int, up: float, down: float, ratio=0.0, speed=0.0, table=-1, share=0.0):
+    def add_dry(
+        self,
+        port: int,
+        up: float,
+        down: float,
+        ratio: float = 0.0,
+        speed: float = 0.0,
+        table: int = -1,
+        share: float = 0.0,
+    ) -> None:
         """Set-valued friction; up: level while the point moves in the positive direction."""
         self.add(kernel.DRY, port, up, down, ratio, speed, table, share)
 
@@ -117,7 +139,7 @@ class Build:
         external: np.ndarray | None = None,
         lost: np.ndarray | None = None,
         start: float = 0.0,
-    ):
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Simulate. Returns y, u, and the true position and velocity of the motor's point."""
         h = sample_time / steps
         inverse = np.linalg.inv(self.mass + 0.5 * h * self.damping)

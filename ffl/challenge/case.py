@@ -11,7 +11,7 @@ import numpy as np
 
 from ffl.challenge import write
 from ffl.challenge.body import FAMILIES
-from ffl.challenge.build import Build
+from ffl.challenge.build import Build, Scales
 from ffl.challenge.detect import Lens
 from ffl.challenge.draw import Setup, draw_noise, draw_setup, measure
 from ffl.challenge.faults import FAULTS, spoil
@@ -52,12 +52,11 @@ class Trace:
     beyond: float  # whitened, outside what nominal parameters can explain
 
 
-def _differences(setup, parts, k, scales, seed) -> tuple[list[np.ndarray], float] | None:
+def _differences(
+    setup: Setup, parts: list[Part], k: int, scales: Scales, seed: int
+) -> tuple[list[np.ndarray], float] | None:
     """Traces in y of effect k on top of the others, from the machine's start, and the peak of their
-    recorded part over y's range.
-
-    None where the machine leaves its bounds.
-    """
+    recorded part over y's range; None where the machine leaves its bounds."""
     rest = parts[:k] + parts[k + 1 :]
     with_all, _ = assemble(setup, [parts[k], *rest], scales)
     without, _ = assemble(setup, rest, scales)
@@ -77,13 +76,13 @@ def _differences(setup, parts, k, scales, seed) -> tuple[list[np.ndarray], float
 def _fit_size(setup, parts, scales, noise, concealment, seed):
     """Adjust sizes and noise until the concealment and the detection threshold are met."""
     lens = Lens(setup)
-    made = None
+    made: list[tuple[list[np.ndarray], float]] = []
     for turn in range(9):
-        if made is None:
-            made = [_differences(setup, parts, k, scales, seed) for k in range(len(parts))]
-            if any(m is None for m in made):
-                parts = [replace(p, size=p.size * 0.5) for p in parts]
-                made = None
+        if not made:
+            tried = [_differences(setup, parts, k, scales, seed) for k in range(len(parts))]
+            made = [m for m in tried if m is not None]
+            if len(made) < len(parts):
+                parts, made = [replace(p, size=p.size * 0.5) for p in parts], []
                 continue
         floor = np.mean(lens.spectrum(noise, 0))
         found = []
@@ -118,7 +117,7 @@ def _fit_size(setup, parts, scales, noise, concealment, seed):
             else:
                 factors[weak] = 1.6
         parts = [replace(p, size=p.size * float(f)) for p, f in zip(parts, factors, strict=True)]
-        made = None
+        made = []
     return None
 
 
@@ -156,10 +155,8 @@ def _truth_effect(part: Part, parameters: dict, setup: Setup, found: Trace) -> d
 
     def convert(key, value):
         if key == "table":
-            return {
-                k: (np.array(v) * (1.0 if k == "grid" else factor)).tolist()
-                for k, v in value.items()
-            }
+            by = {"grid": 1.0}
+            return {k: (np.array(v) * by.get(k, factor)).tolist() for k, v in value.items()}
         return value if isinstance(value, str) else float(value * (factor if key in forces else 1))
 
     if part.name == "viscous_friction":
@@ -331,7 +328,9 @@ def _draw(names, machine, concealment, doubt, fault, rng):
     return setup, parts, scales, noise, found
 
 
-def _sound(setup, parts, scales, noise, rng) -> bool:
+def _sound(
+    setup: Setup, parts: list[Part], scales: Scales, noise: Noise, rng: np.random.Generator
+) -> bool:
     """The judging recordings too stay within the machine's bounds."""
     build, _ = assemble(setup, parts, scales)
     plain = Build.of(setup.true)
@@ -343,7 +342,7 @@ def _sound(setup, parts, scales, noise, rng) -> bool:
     return True
 
 
-def _beyond_the_line(setup, parts, scales) -> bool:
+def _beyond_the_line(setup: Setup, parts: list[Part], scales: Scales) -> bool:
     """A damping and a spring are effects by the contract in the machine as it is: beside a strong
     friction the same damper may be less than 2 % of the RMS force, a correction of the model. So is a
     mass that a wrong nominal one has swallowed."""
@@ -364,7 +363,7 @@ def _beyond_the_line(setup, parts, scales) -> bool:
     return True
 
 
-def _swallowed(setup, parts, scales, noise) -> bool:
+def _swallowed(setup: Setup, parts: list[Part], scales: Scales, noise: Noise) -> bool:
     """A mode that a wrong resonance of the model, moved farther, makes up for: nothing shows it, not even
     where it is alone."""
     for part in parts:

@@ -55,7 +55,7 @@ class Plan:
     seed: int = 0
 
 
-def _machines(effects: tuple[str, ...], rng: np.random.Generator, closed=False) -> tuple:
+def _machines(effects: tuple[str, ...], rng: np.random.Generator, closed: bool = False) -> tuple:
     names = list(FAMILIES)
     for effect in effects:
         if effect in EFFECTS and EFFECTS[effect].machines:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffl.challenge.body import FAMILIES, KERNEL_2018, Body, Family
+from ffl.challenge.body import CONTROLLER_2018, FAMILIES, Body, Family
 from ffl.challenge.build import Build, Scales
 from ffl.challenge.linear import Noise, Servo, Zpk, design_servo
 from ffl.challenge.motion import KINDS, injection, path
@@ -80,8 +80,8 @@ def _servo(name: str, nominal: Body, sample_time: float, rng: np.random.Generato
     if name == "stiffness":
         return None
     if name == "kernel2018":
-        zeros, poles, gain = KERNEL_2018["controller"]
-        return Servo(Zpk(tuple(zeros), tuple(poles), gain / nominal.constant))
+        zeros, poles, gain = CONTROLLER_2018
+        return Servo(Zpk(zeros, poles, gain / nominal.constant))
     wide = rng.uniform(*FAMILIES[name].bandwidth)
     integral = bool(rng.random() < 0.4) and name != "printer"
     split = bool(rng.random() < 0.25) and name == "rigid"
@@ -95,9 +95,9 @@ def _experiment(
     name: str,
     nominal: Body,
     family: Family,
-    sample_time,
-    style,
-    rng,
+    sample_time: float,
+    style: dict[str, float],
+    rng: np.random.Generator,
 ) -> Experiment:
     n = round(style["duration"] / sample_time)
     hold = rng.uniform(0.2, 0.5)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ffl.challenge.draw import Setup
+
 FAULTS = (
     "unit",
     "sign",
@@ -16,7 +18,7 @@ FAULTS = (
 )
 
 
-def spoil(fault: str, recordings: dict, setup, rng: np.random.Generator) -> dict:
+def spoil(fault: str, recordings: dict, setup: Setup, rng: np.random.Generator) -> dict:
     """Spoil the recordings in place (experiment, y, u); what the writer must do is returned."""
     truth: dict = {"name": fault}
     if fault == "unit":

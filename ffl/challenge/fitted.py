@@ -41,7 +41,9 @@ class Nudged:
         self.rng = np.random.default_rng(seed)
         self.which, self.step, self.drawn = which, step, 0
 
-    def uniform(self, low=0.0, high=1.0, size=None):
+    def uniform(
+        self, low: float = 0.0, high: float = 1.0, size: int | None = None
+    ) -> float | np.ndarray:
         values = np.array(self.rng.uniform(low, high, size))
         at = self.which - self.drawn
         if 0 <= at < values.size:
@@ -49,7 +51,7 @@ class Nudged:
         self.drawn += values.size
         return values if size else float(values)
 
-    def choice(self, values):
+    def choice(self, values: list) -> object:
         return self.rng.choice(values)
 
     def random(self) -> float:
@@ -79,7 +81,7 @@ def _machines(setup: Setup, parts: list[Part], scales: Scales) -> Iterator[tuple
     for k, part in enumerate(parts):
         for which in range(_numbers(part, setup, scales)):
 
-            def effect(step: float, k=k, part=part, which=which) -> Build:
+            def effect(step: float, k: int = k, part: Part = part, which: int = which) -> Build:
                 moved = Moved(part.name, part.at, part.seed, part.size, which, step)
                 return assemble(setup, [*parts[:k], moved, *parts[k + 1 :]], scales)[0]
 
@@ -88,7 +90,7 @@ def _machines(setup: Setup, parts: list[Part], scales: Scales) -> Iterator[tuple
     for key, sd in family.doubts:
         doubt = max(sd, abs(setup.corrections.get(key, 0.0)))
 
-        def nominal(step: float, key=key, doubt=doubt) -> Build:
+        def nominal(step: float, key: str = key, doubt: float = doubt) -> Build:
             changed = {**setup.parameters, key: setup.parameters[key] * (1.0 + step * doubt)}
             return assemble(replace(setup, true=family.assemble(changed)), parts, scales)[0]
 
@@ -134,7 +136,13 @@ def fitted(
     return list(zip(added[::2], added[1::2], strict=True))
 
 
-def floors_of(y, y0, u, u0, added: tuple[float, float] | None) -> dict[str, float]:
+def floors_of(
+    y: np.ndarray,
+    y0: np.ndarray,
+    u: np.ndarray,
+    u0: np.ndarray,
+    added: tuple[float, float] | None,
+) -> dict[str, float]:
     """NRMSE that noise alone leaves in y and u, of which y0 and u0 are free, and, where it is known what
     estimation adds, that the true structure leaves once fitted."""
     found = {}

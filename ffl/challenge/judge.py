@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ffl.challenge.oracle import SEPARABLE
@@ -58,7 +59,7 @@ def _text(answer: dict) -> str:
     return " ".join([*parts, *map(str, answer.get("advice", []))]).lower()
 
 
-def _families(names) -> list[str]:
+def _families(names: Iterable[str]) -> list[str]:
     return sorted(EFFECTS[n].family if n in EFFECTS else n for n in names)
 
 
@@ -92,10 +93,13 @@ def _about(parameters: dict, centre: float) -> dict:
     """A gain that depends on position, told about another centre: no recording tells one centre from
     another beside a gain of its own. With d the way there and s = 1 + a d + b d^2,
     a' = (a + 2 b d)/s and b' = b/s; standard errors as of numbers that do not depend on one another."""
-    a, b = (parameters.get(f"{order}_coefficient") for order in ("linear", "quadratic"))
-    at = parameters.get("centre")
-    if not all(isinstance(entry, dict) and "value" in entry for entry in (a, b, at)):
+    entries = [
+        parameters.get(key) for key in ("linear_coefficient", "quadratic_coefficient", "centre")
+    ]
+    told = [entry for entry in entries if isinstance(entry, dict) and "value" in entry]
+    if len(told) < len(entries):
         return parameters
+    a, b, at = told
     way = centre - at["value"]
     size = 1.0 + a["value"] * way + b["value"] * way**2
     slope = {**a, "value": (a["value"] + 2.0 * b["value"] * way) / size}

@@ -82,11 +82,11 @@ def discrete_zpk(body: Body, sample_time: float) -> Zpk:
     finite = np.abs(beta) > 1e-5 * np.abs(alpha)  # the others lie at infinity
     zeros = alpha[finite] / beta[finite]
     zeros = np.where(np.abs(zeros.imag) < 1e-9 * np.abs(zeros), zeros.real, zeros)
-    zeros, poles = _paired(zeros), _paired(poles)
+    paired = _paired(zeros), _paired(poles)
     z = 1.05 * np.exp(1j * np.linspace(0.02, 3.0, 30))
     exact = np.array([c @ np.linalg.solve(v * np.eye(n) - a, b) for v in z])
-    ratio = exact / Zpk(zeros, poles, 1.0).at(z)
-    return Zpk(zeros, poles, float(np.median(ratio.real)))
+    ratio = exact / Zpk(*paired, 1.0).at(z)
+    return Zpk(*paired, float(np.median(ratio.real)))
 
 
 def _paired(roots: np.ndarray) -> tuple[complex, ...]:
@@ -184,7 +184,9 @@ class Noise:
             self.resolution,
         )
 
-    def draw(self, n: int, sample_time: float, rng: np.random.Generator):
+    def draw(
+        self, n: int, sample_time: float, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Sensor and force noise, n samples each."""
         out = []
         for white, coloured, corner in (
@@ -196,7 +198,9 @@ class Noise:
             out.append(white * rng.standard_normal(n) + coloured * x[2000:])
         return out[0], out[1]
 
-    def density(self, plant: np.ndarray, feedback: np.ndarray, z: np.ndarray, sample_time: float):
+    def density(
+        self, plant: np.ndarray, feedback: np.ndarray, z: np.ndarray, sample_time: float
+    ) -> np.ndarray:
         """Power of y's noise per sample and frequency (its mean over the circle is the variance)."""
         sensitivity = 1 / (1 + plant * feedback)
         parts = []

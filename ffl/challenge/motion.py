@@ -64,7 +64,15 @@ def path(
     return _smooth(np.concatenate(out)[:n], jerk)
 
 
-def _multisine(n, sample_time, stroke, speed, acceleration, hold, rng) -> np.ndarray:
+def _multisine(
+    n: int,
+    sample_time: float,
+    stroke: float,
+    speed: float,
+    acceleration: float,
+    hold: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
     """Random-phase sines whose range, speed and acceleration stay within what was asked."""
     t = np.arange(n) * sample_time
     low = 1.0 / (n * sample_time)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.optimize
 
-from ffl.challenge.build import Build
+from ffl.challenge.build import Build, Scales
 from ffl.challenge.detect import OWN_PARAMETER, Lens
 from ffl.challenge.draw import Setup
 from ffl.challenge.linear import Noise
@@ -66,7 +66,9 @@ MEMBERS = 6
 SEPARABLE = 25.0  # an oracle's chi-square beyond doubt with up to MEMBERS free parameters
 
 
-def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) -> dict[str, float]:
+def rivals(
+    setup: Setup, part: Part, parts: list[Part], scales: Scales, noise: Noise
+) -> dict[str, float]:
     """Energy by which each rival misses the effect's trace; below SEPARABLE none can tell.
 
     Two points of attack (motor and load) count as one rival.
@@ -88,6 +90,7 @@ def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) ->
         return lens.whiten(noise, [a - b for a, b in zip(moved, base, strict=True)])
 
     truth = traces(with_all)
+    assert truth is not None  # a case whose machine does not stay within its bounds is not written
     own = OWN_PARAMETER.get(part.name)
     nominal = [lens.whiten(noise, t) for key, t in lens.tangents.items() if key != own]
     basis = np.linalg.qr(np.array([c / np.linalg.norm(c) for c in nominal]).T)[0]
@@ -112,6 +115,6 @@ def rivals(setup: Setup, part: Part, parts: list[Part], scales, noise: Noise) ->
         if not columns:
             continue
         # The distance to a cone, in the coordinates of a QR of the few columns beside the truth.
-        r = np.linalg.qr(np.array([*columns, outside(truth)]).T, mode="r")
+        r = np.asarray(np.linalg.qr(np.array([*columns, outside(truth)]).T, mode="r"))
         found[name] = float(scipy.optimize.nnls(r[:, :-1], r[:, -1])[1] ** 2)
     return found

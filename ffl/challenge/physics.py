@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffl.challenge import kernel
-from ffl.challenge.build import N_GRID, Build, Scales
+from ffl.challenge.build import N_GRID, Build, Draws, Scales
 
-Make = Callable[[Build, np.random.Generator, Scales, str, float], dict]
+Make = Callable[[Build, Draws, Scales, str, float], dict]
 
 
 def coulomb_friction(build, rng, scales, at, size):

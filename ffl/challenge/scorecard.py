@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ffl.challenge.tally import Score
@@ -56,7 +57,7 @@ def _table(head: list[str], rows: list[list[str]]) -> list[str]:
     return [*lines, *("| " + " | ".join(r) + " |" for r in rows), ""]
 
 
-def markdown(score: Score, about: dict[str, str] | None = None) -> str:
+def markdown(score: Score, about: Mapping[str, str] | None = None) -> str:
     """A section with the bars, the figures and the commonest confusions.
 
     about: what the caller knows, as date, commit and command; printed above the tables.
@@ -104,13 +105,13 @@ def markdown(score: Score, about: dict[str, str] | None = None) -> str:
         ["parameter", "n", "median relative error", "90 % quantile"],
         [[k, str(n), f"{m:.2g}", f"{q:.2g}"] for k, (n, m, q) in score.parameter_errors.items()],
     )
-    wrong = Counter()
-    oracle = Counter()
+    wrong: Counter[tuple[str, str]] = Counter()
+    oracle: Counter[tuple[str, str]] = Counter()
     for v in score.rows:
         if v.kind == "single" and not v.exact:
-            said = "+".join(v.named) or v.verdict
-            wrong["+".join(v.true), said] += 1
-            oracle["+".join(v.true), said] += bool(set(v.named) & set(v.inseparable))
+            pair = "+".join(v.true), "+".join(v.named) or v.verdict
+            wrong[pair] += 1
+            oracle[pair] += bool(set(v.named) & set(v.inseparable))
     lines += _table(
         ["truth of a single", "answered", "times", "of these inseparable for the oracle"],
         [[t, a, str(n), str(oracle[t, a])] for (t, a), n in wrong.most_common(25)],

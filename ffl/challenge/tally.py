@@ -153,8 +153,8 @@ def tally(rows: Sequence[Verdict], root: str, seed: int, fraction: float) -> Sco
     for low, high in itertools.pairwise(BINS):
         part = [p for p in stated if low <= p[0] < high or (high == 1.0 and p[0] >= 1.0)]
         if part:
-            mean, right = np.mean([p[0] for p in part]), np.mean([p[1] for p in part])
-            calibration.append((low, high, float(mean), len(part), float(right)))
+            mean, hit = np.mean([p[0] for p in part]), np.mean([p[1] for p in part])
+            calibration.append((low, high, float(mean), len(part), float(hit)))
     true, named = [set(v.true) for v in effects], [set(v.named) for v in effects]
     per_effect = {
         e: (
