@@ -17,6 +17,7 @@ from ffl.identify.bayes.maximum_likelihood import MaximumLikelihood, maximum_lik
 from ffl.identify.bayes.metropolis import metropolis
 from ffl.identify.bayes.records import Record
 from ffl.identify.bayes.stable_spline import stable_spline
+from ffl.identify.regression import upper_triangle
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def map_estimate(
         xi, slope = record.jacobian(theta, n_ac)
         if gain < 1e-8:
             break
-    triangle = np.linalg.qr(np.vstack([record.factor @ slope / noise, white]), mode="r")
+    triangle = upper_triangle(np.vstack([record.factor @ slope / noise, white]))
     half = np.linalg.inv(triangle)
     log_evidence = (
         -0.5 * (error @ error + record.floor / noise_variance)
@@ -152,7 +153,7 @@ def algorithm_1(
     theta = start.theta
     variance = start.misfit / max(record.n_samples - n, 1)
     _, slope = record.jacobian(theta, n_ac)
-    half = np.linalg.inv(np.linalg.qr(record.factor @ slope / np.sqrt(variance), mode="r"))
+    half = np.linalg.inv(upper_triangle(record.factor @ slope / np.sqrt(variance)))
     moment = np.outer(theta, theta) + half @ half.T
     grid = [np.array([c, a]) for c in (0.1, 0.3, 0.5, 0.7, 0.9) for a in (0.15, 0.35, 0.6, 0.8)]
     # the grid, then one descent from its best node, both on (16) with the moment at the start
@@ -194,6 +195,7 @@ def algorithm_1(
     theta, covariance, log_evidence = map_estimate(record, theta, n_ac, kernel, variance)
     course.append(Hyperparameters(variance, scale, *map(float, decays)))
     evidence.append(log_evidence)
+    assert chains is not None  # there is at least one iteration
     return Algorithm1Fit(
         theta,
         covariance,

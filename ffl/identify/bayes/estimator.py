@@ -24,6 +24,7 @@ class _DirectInverse(Estimator):
     n_c: int
     forward_length: int
     at_rest: bool
+    theta_: np.ndarray  # once learned
     both_sides: ClassVar[bool]  # whether xi(t < 0) predicts y like the rest, see `Record`
 
     def _record(self, u: ArrayLike | Any, y: ArrayLike | None) -> Record:

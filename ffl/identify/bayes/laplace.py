@@ -7,6 +7,7 @@ import numpy as np
 from ffl.identify.bayes.circle import inside_count
 from ffl.identify.bayes.prior import Prior
 from ffl.identify.bayes.records import Record
+from ffl.identify.regression import upper_triangle
 
 
 @dataclass(frozen=True)
@@ -125,8 +126,8 @@ def laplace_per_node(
     n, samples = len(theta), record.n_samples
     xi, slope = record.jacobian(theta, n_ac)
     jacobian = record.factor @ slope
-    triangle = np.linalg.qr(
-        np.column_stack([jacobian, record.target - record.factor @ xi + jacobian @ theta]), mode="r"
+    triangle = upper_triangle(
+        np.column_stack([jacobian, record.target - record.factor @ xi + jacobian @ theta])
     )
     factor, target = triangle[:n, :n], triangle[:n, n]
     floor = record.floor + float(np.sum(triangle[n:, n] ** 2))

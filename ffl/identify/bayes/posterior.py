@@ -283,8 +283,8 @@ def _kernel(prior: Prior, thetas: np.ndarray, weights: np.ndarray) -> KernelPost
         share += weight * p
         scale += weight * float(p @ quadratic) / max(n - 2, 1)
     peaks = {node.peak: 0.0 for node in prior.nodes}
-    for node, p in zip(prior.nodes, share, strict=True):
-        peaks[node.peak] += float(p)
+    for node, part in zip(prior.nodes, share, strict=True):
+        peaks[node.peak] += float(part)
     return KernelPosterior(
         dict(sorted(peaks.items())),
         float(share @ [node.causal_decay for node in prior.nodes]),

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ffl.errors import InputError
 from ffl.identify.bayes.circle import circle_jacobian, circle_response
+from ffl.identify.regression import upper_triangle
 
 _BLOCK = 2048
 
@@ -51,7 +53,7 @@ class Record:
         return float(np.sum((self.target - self.factor @ xi) ** 2) + self.floor)
 
 
-def check_arrays(u: np.ndarray, y: np.ndarray, n_parameters: int) -> tuple[np.ndarray, np.ndarray]:
+def check_arrays(u: ArrayLike, y: ArrayLike, n_parameters: int) -> tuple[np.ndarray, np.ndarray]:
     """u and y as float vectors, or an `InputError` that says what is wrong with them."""
     u, y = np.asarray(u, float), np.asarray(y, float)
     if u.ndim != 1 or y.ndim != 1:
@@ -98,7 +100,7 @@ def reduce_record(
     scratch = np.zeros((0, width + 1))
     for begin in range(0, len(y_used), _BLOCK):
         block = np.column_stack([rows[begin : begin + _BLOCK], y_used[begin : begin + _BLOCK]])
-        scratch = np.linalg.qr(np.vstack([scratch, block]), mode="r")
+        scratch = upper_triangle(np.vstack([scratch, block]))
     top = np.zeros((width + 1, width + 1))
     top[: len(scratch)] = scratch
     factor = np.ascontiguousarray(top[:width, :width])

@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 
 from ffl.errors import InputError
 from ffl.identify.bayes.stable_spline import stable_spline
+from ffl.identify.regression import upper_triangle
 
 Kernel = Callable[[np.ndarray], np.ndarray]  # decays in (0, 1) -> covariance at unit scale
 
@@ -44,7 +45,7 @@ def regularized_least_squares(
     n_rows, n = regressors.shape
     if n_rows <= n:
         raise InputError(f"{n_rows} rows cannot carry {n} taps: record more or take fewer taps")
-    triangle = np.linalg.qr(np.column_stack([regressors, observed]), mode="r")
+    triangle = upper_triangle(np.column_stack([regressors, observed]))
     factor, target, floor = triangle[:n, :n], triangle[:n, n], float(triangle[n, n] ** 2)
     size = np.sum(factor**2) / n
     if size <= 0:

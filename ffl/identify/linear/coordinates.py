@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 import scipy.linalg
 
+from ffl.identify.regression import upper_triangle
 from ffl.systems.state_space import Array, StateSpace
 
 Port = Literal["none", "output", "input"]
@@ -200,5 +201,5 @@ def gramian_factor(a: Array, b: Array) -> Array:
 
 def _compressed(x: Array, n: int) -> Array:
     """(n, n) with the same product with its own transpose."""
-    r = np.linalg.qr(x.T, mode="r")
+    r = upper_triangle(x.T)
     return np.vstack([r, np.zeros((n - r.shape[0], n))]).T if r.shape[0] < n else r[:n].T

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.stats
 
 from ffl.identify.linear.signals import Signals, as_signals
+from ffl.identify.regression import upper_triangle
 from ffl.systems.state_space import Array
 
 
@@ -40,8 +41,8 @@ def estimate_delay(
             columns: list[Array] = [np.ones(t.size)]
             columns += [y[t - lag] for lag in range(1, lags + 1)]
             columns += [u[t - lag] for lag in range(lags, first - 1, -1)]
-            r = np.linalg.qr(np.column_stack([*columns, y[t]]), mode="r")
-            stack = r if not stack.size else np.linalg.qr(np.vstack([stack, r]), mode="r")
+            r = upper_triangle(np.column_stack([*columns, y[t]]))
+            stack = r if not stack.size else upper_triangle(np.vstack([stack, r]))
             rows += t.size
     width = stack.shape[1] - 1
     rest = float(np.sum(stack[width:, -1] ** 2)) / max(rows - width, 1)

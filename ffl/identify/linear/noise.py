@@ -12,6 +12,7 @@ import scipy.stats
 
 from ffl.identify.linear.coordinates import Point, Tangent, tangent
 from ffl.identify.linear.problem import Problem, without
+from ffl.identify.regression import upper_triangle
 from ffl.systems.state_space import Array
 
 
@@ -99,7 +100,7 @@ def uncertainty(problem: Problem, point: Point) -> Uncertainty:
             dy, _ = problem.jacobian(point, directions, piece)
             q = dy[: -problem.predictor.matrix(point).shape[0] + 1] @ to_step
             coloured = scipy.signal.lfilter([1.0], autoregression, q[::-1], axis=0)
-            triangle = np.linalg.qr(coloured, mode="r")
+            triangle = upper_triangle(coloured)
             middle += triangle.T @ triangle
         middle *= innovation * n / dof
     return Uncertainty(directions, to_step @ middle @ to_step.T, variance, autoregression, errors)
@@ -165,8 +166,8 @@ def independence(
         delayed = white.whiten(delayed)
         below = found.below @ (found.basis.T @ delayed[: len(found.basis)])
         delayed = np.vstack([without(found.basis, delayed), -below])
-        rows = np.linalg.qr(np.column_stack([dy, delayed, error]), mode="r")
-        stack = np.linalg.qr(np.vstack([stack, rows]), mode="r")
+        rows = upper_triangle(np.column_stack([dy, delayed, error]))
+        stack = upper_triangle(np.vstack([stack, rows]))
     inner = stack[q : q + lags, q : q + lags]
     size = np.linalg.norm(stack[:, q : q + lags], axis=0)
     u, s, _ = np.linalg.svd(inner / np.where(size > 0, size, 1.0))

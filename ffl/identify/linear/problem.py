@@ -13,6 +13,7 @@ from ffl.identify.linear.coordinates import Point, Structure, Tangent, gramian_f
 from ffl.identify.linear.predictors import Predictor
 from ffl.identify.linear.sensitivity import free_response, simulate, simulate_with_derivatives
 from ffl.identify.linear.signals import Signals
+from ffl.identify.regression import upper_triangle
 from ffl.systems.state_space import Array
 
 RIDGE = 1e-6  # on the initial state, in units of the scaled output
@@ -160,8 +161,8 @@ class Problem:
         stack = np.zeros((0, q + 1))
         for piece in self.pieces:
             dy, error = self.jacobian(point, directions, piece)
-            rows = np.linalg.qr(np.column_stack([dy, error]), mode="r")
-            stack = np.linalg.qr(np.vstack([stack, rows]), mode="r")
+            rows = upper_triangle(np.column_stack([dy, error]))
+            stack = upper_triangle(np.vstack([stack, rows]))
         return stack[:q, :q], stack[:q, q]
 
     @property
@@ -169,4 +170,5 @@ class Problem:
         lost = self.autoregression.size - 1
         if self.weights is None:
             return sum(self.predictor.target(piece).size - lost for piece in self.pieces)
-        return sum(int(self.weight(piece).sum()) for piece in self.pieces)  # type: ignore[union-attr]
+        weights = [self.weight(piece) for piece in self.pieces]
+        return sum(int(weight.sum()) for weight in weights if weight is not None)

@@ -41,7 +41,7 @@ def _estimate(value: complex, moves: ComplexArray, covariance: Array, t: float) 
     """`moves` (q,): derivative of the root along each local coordinate."""
 
     def std(gradient: Array) -> float:
-        return float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+        return float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
 
     is_real = value.imag == 0
     std_real, std_imag = std(moves.real), 0.0 if is_real else std(moves.imag)
@@ -99,8 +99,9 @@ def zero_estimates(
     # Rows and columns of b and c scaled to one, so that a small gain is not a zero at infinity.
     scale = np.ones(n + 1)
     scale_c = scale.copy()
-    scale[n] = 1.0 / max(np.linalg.norm(matrix[n]), 1e-300)
-    scale_c[n] = 1.0 / max(np.linalg.norm(matrix[:n, n]), scale[n] * abs(point.d), 1e-300)
+    scale[n] = 1.0 / max(float(np.linalg.norm(matrix[n])), 1e-300)
+    column = float(np.linalg.norm(matrix[:n, n]))
+    scale_c[n] = 1.0 / max(column, float(scale[n]) * abs(point.d), 1e-300)
     balanced = scale[:, None] * matrix * scale_c
     mass = np.eye(n + 1)
     mass[n, n] = 0.0

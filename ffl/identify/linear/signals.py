@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffl.errors import InputError
+from ffl.identify.regression import upper_triangle
 from ffl.systems import Controller
 from ffl.systems.state_space import Array
 
@@ -66,11 +67,19 @@ class Signals:
 
     def cut(self, start: int, stop: int) -> Signals:
         """The samples start .. stop-1."""
-        part = {
-            name: None if getattr(self, name) is None else getattr(self, name)[start:stop]
-            for name in ("u", "y", "r", "f", "d", "shown")
-        }
-        return replace(self, **part)
+
+        def part(x: Array | None) -> Array | None:
+            return None if x is None else x[start:stop]
+
+        return replace(
+            self,
+            u=self.u[start:stop],
+            y=self.y[start:stop],
+            r=part(self.r),
+            f=part(self.f),
+            d=part(self.d),
+            shown=part(self.shown),
+        )
 
     @property
     def force(self) -> Array:
@@ -106,7 +115,7 @@ def _from_recording(recording: Any, controller: Controller | None) -> Signals:
                 f"{type(recording).__name__} has no {name}; give a Recording, or Signals(u, y, "
                 "sample_time)"
             )
-    missing = getattr(recording, "missing", frozenset())
+    missing: frozenset[str] = getattr(recording, "missing", frozenset())
 
     def column(name: str) -> Array | None:
         return None if name in missing else getattr(recording, name, None)
@@ -187,7 +196,7 @@ def excitation_rank(pieces: Sequence[Signals], lags: int, tolerance: float = 1e-
         if len(piece) > lags:
             windows = np.lib.stride_tricks.sliding_window_view(piece.force, lags)
             with_constant = np.column_stack([np.ones(len(windows)), windows])
-            rows.append(np.linalg.qr(with_constant, mode="r")[1:, 1:])
+            rows.append(upper_triangle(with_constant)[1:, 1:])
     if not rows:
         return 0
     singular = np.linalg.svd(np.vstack(rows), compute_uv=False)

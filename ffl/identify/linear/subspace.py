@@ -18,6 +18,7 @@ import scipy.linalg
 
 from ffl.identify.linear.coordinates import Point, Structure, integrator_block
 from ffl.identify.linear.signals import Signals
+from ffl.identify.regression import upper_triangle
 from ffl.systems.state_space import Array
 
 CHUNK = 20_000
@@ -41,8 +42,8 @@ def _triangle(
             if direct:
                 columns.append(u[t])
             block = np.column_stack([*columns, y[t]])
-            r = np.linalg.qr(block, mode="r")
-            stack = r if not stack.size else np.linalg.qr(np.vstack([stack, r]), mode="r")
+            r = upper_triangle(block)
+            stack = r if not stack.size else upper_triangle(np.vstack([stack, r]))
             rows += t.size
     return stack, rows
 
@@ -177,7 +178,8 @@ def fit_structure(point: Point, s: Structure) -> Point:
             vectors[1][m:], vectors[2][m:] = 1e-3, 0.05
     if not s.innovation:
         vectors[2][:] = 0.0
-    return Point(whole, *vectors[:2], point.d if s.feedthrough else 0.0, vectors[2], point.offset)
+    d = point.d if s.feedthrough else 0.0
+    return Point(whole, vectors[0], vectors[1], d, vectors[2], point.offset)
 
 
 def _split_slowest(
