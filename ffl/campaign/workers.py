@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 
@@ -68,7 +68,9 @@ def _work(campaign: Campaign, link: Connection) -> None:
             link.send(("work", f"{type(error).__name__}: {error}"))
 
 
-def events(campaign: Campaign, jobs: list[Job], n_workers: int) -> Iterator[tuple[str, Event]]:
+def events(
+    campaign: Campaign, jobs: list[Job], n_workers: int
+) -> Generator[tuple[str, Event], None, None]:
     """(run name, event) of all jobs; a worker waits until the caller asks for the next event.
 
     With one worker everything happens in this process.
@@ -93,7 +95,7 @@ def events(campaign: Campaign, jobs: list[Job], n_workers: int) -> Iterator[tupl
             link.send(job)
             busy[link] = job[0]
         while busy:
-            for link in wait(list(busy)):
+            for link in wait(list(busy)):  # type: ignore[assignment]  # of those given
                 name = busy[link]
                 try:
                     kind, value = link.recv()

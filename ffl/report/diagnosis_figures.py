@@ -131,11 +131,12 @@ def friction_table(
     """Levels of dry friction over position, moving up and down; `smooth`: on a curve between knots."""
     curve = drawn_out(table) if smooth else table
     for key, colour, side in (("positive", 0, "moving up"), ("negative", 1, "moving down")):
-        own = {"color": COLOURS[colour], "label": f"{side}{label}"}
-        if not label:
-            ax.plot(curve["grid"], curve[key], "-", **own)
-            own.pop("label")
-        ax.plot(table["grid"], table[key], ".", **own, markersize=5 if label else 3)
+        own, name = COLOURS[colour], f"{side}{label}"
+        if label:
+            ax.plot(table["grid"], table[key], ".", color=own, label=name, markersize=5)
+        else:
+            ax.plot(curve["grid"], curve[key], "-", color=own, label=name)
+            ax.plot(table["grid"], table[key], ".", color=own, markersize=3)
     ax.set_xlabel(f"position [{output_unit}]")
     ax.set_ylabel(f"level [{unit}]")
     ax.legend()

@@ -105,5 +105,5 @@ def cumulative_power(signal: Array, sample_time: float) -> tuple[Array, Array]:
 def pre_actuation(feedforward: Array, start: int, threshold: float = 1e-3) -> int:
     """Samples before `start` in which |f| exceeds `threshold` of its peak."""
     peak = float(np.abs(feedforward).max(initial=0.0))
-    early = np.flatnonzero(np.abs(feedforward[:start]) > threshold * peak) if peak else []
+    early = np.flatnonzero(np.abs(feedforward[:start]) > threshold * peak)
     return int(start - early[0]) if len(early) else 0

@@ -214,7 +214,7 @@ def _instrumental(task: Task) -> Found:
         raise InputError(f"{where}{text}") from None
     fitted = _fitted(InstrumentalInverse(basis, task.model), recording)
     errors = fitted.inverse_.standard_errors
-    facts = {
+    facts: dict[str, Any] = {
         "parameters": [
             {"name": name, "value": float(value), "std_error": float(error)}
             for name, value, error in zip(basis.names, fitted.theta_, errors, strict=True)

@@ -68,7 +68,7 @@ def figure_5(result: Kernel2018, ax: Axes, skip: Sequence[str] = ("as_printed",)
     """Histograms of ||e||/sqrt(N) over the realisations, on common bins."""
     shown = [name for name in result.methods if name not in skip]
     columns = [result.errors[:, result.methods.index(name)] for name in shown]
-    bins = np.linspace(min(c.min() for c in columns), max(c.max() for c in columns), 80)
+    bins = np.linspace(min(c.min() for c in columns), max(c.max() for c in columns), 80).tolist()
     for index, (name, values) in enumerate(zip(shown, columns, strict=True)):
         colour = COLOURS[index % len(COLOURS)]
         ax.hist(values, bins, histtype="stepfilled", alpha=0.25, color=colour)

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator, SymmetricalLogLocator
 
-from ffl.report.page import COLOURS, LINES, MARKERS
+from ffl.report.page import COLOURS, LINES, MARKERS, Dash
 from ffl.systems.state_space import Array
 
 Curve = tuple[str, Array]  # label, values
 
 
-def look(index: int) -> dict[str, object]:
+class Look(TypedDict):
+    """Colour and dash of a line."""
+
+    color: str
+    linestyle: Dash
+
+
+def look(index: int) -> Look:
     """Colour and dash of the index-th run, the same in every figure."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": LINES[index % len(LINES)]}
 
@@ -57,17 +65,14 @@ def bode(
     gain_unit: str,
 ) -> tuple[Axes, Axes]:
     """Magnitude and phase of plants (dark) and of F^-1 (the runs' colours); `band` is shaded."""
-    greys = (("#1b1f24", "-"), ("#8a939c", "-"))
-    curves = [(*greys[k % 2], 2.4, label, h) for k, (label, h) in enumerate(plants)]
-    for index, label, response in inverses:
-        style = look(index)
-        curves.append((style["color"], style["linestyle"], 1.3, label, response))  # type: ignore[arg-type]
-    for colour, line, width, label, response in curves:
-        common = {"color": colour, "linestyle": line, "linewidth": width}
-        magnitude_ax.loglog(frequencies, np.abs(response), label=label, **common)
+    greys: list[Look] = [{"color": colour, "linestyle": "-"} for colour in ("#1b1f24", "#8a939c")]
+    curves = [(greys[k % 2], 2.4, label, h) for k, (label, h) in enumerate(plants)]
+    curves += [(look(index), 1.3, label, response) for index, label, response in inverses]
+    for style, width, label, response in curves:
+        magnitude_ax.loglog(frequencies, np.abs(response), label=label, linewidth=width, **style)
         phase = np.degrees(np.unwrap(np.angle(response)))
         phase -= 360.0 * np.round((phase[0] + 180.0) / 360.0)
-        phase_ax.semilogx(frequencies, phase, **common)
+        phase_ax.semilogx(frequencies, phase, linewidth=width, **style)
     for ax in (magnitude_ax, phase_ax):
         ax.axvspan(*band, color="#f0e442", alpha=0.18, linewidth=0)
         ax.set_xlim(frequencies[0], frequencies[-1])

@@ -138,7 +138,7 @@ def _answer(step: Step, documented: dict[str, float], trial: int) -> dict[str, A
         | ({"left_out": step.report.left_out} if np.isfinite(step.report.left_out) else {}),
         "notes": list(step.notes),
     }
-    learned = {entry["name"]: entry["on_plant"] for entry in parameters}
+    learned = dict(zip(step.names, on_plant.tolist(), strict=True))
     if documented:
         answer["documented"] = {
             name: {"documented": value, "learned": learned[name]}

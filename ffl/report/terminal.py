@@ -21,7 +21,11 @@ def progress(title: str, total: float, quiet: bool = False) -> Iterator[Advance]
     Nothing is shown where stderr is not a terminal, or with `quiet`.
     """
     if quiet or not sys.stderr.isatty():
-        yield lambda done, text="": None
+
+        def unsaid(done: float, text: str = "") -> None:
+            pass
+
+        yield unsaid
         return
     from rich.console import Console
     from rich.progress import (
