@@ -123,10 +123,10 @@ def regress(targets: Sequence[Array], tables: Sequence[Array], phi: Array) -> Re
     order, left, at = len(phi), [], 0
     block = np.repeat(np.arange(BLOCKS), [len(p) for p in parts])
     for y, t in zip(targets, scaled, strict=True):
-        rows = slice(at, at + len(y) - order)
-        rest = y[order:] - np.sum(t[order:] * estimates[block[rows]], axis=1)
+        end = at + len(y) - order
+        rest = y[order:] - np.sum(t[order:] * estimates[block[at:end]], axis=1)
         left.append(rest - rest.mean())
-        at = rows.stop
+        at = end
     return Regression(
         values / scale,
         variance * (inverse @ inverse.T) / np.outer(scale, scale),

@@ -188,6 +188,7 @@ def fit_noise(
         return value + belief * float(away @ away), gradient
 
     white, slow = np.log(levels), np.log([0.1, 0.3, 1.0])
+    begin: list[list[float] | Array]
     if coloured:
         begin = [
             [white[0], white[1] + slow[1], slow[0], np.log(30.0), slow[2], np.log(15.0)],

@@ -22,6 +22,7 @@ from ffl.recordings import Recording
 from ffl.recordings.units import factor_between, looks_like
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
+from ffl.systems.zpk import Zpk
 
 ALIKE = 0.2  # of y's variance: what a factor must leave at most to be all that is wrong
 UNALIKE = 0.5  # and with u and y as they are named, if these are exchanged
@@ -141,6 +142,7 @@ def _refuted(plant: Plant, recording: Recording, n: int, factor: float) -> bool:
     if plant.controller is None or not np.var(r - y) < UNALIKE * np.var(r):
         return False
     system = plant.system
+    scaled: StateSpace | Zpk
     if isinstance(system, StateSpace):
         scaled = replace(system, c=factor * system.c, d=factor * system.d)
     else:

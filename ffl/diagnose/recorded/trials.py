@@ -140,15 +140,17 @@ class Trial:
     def held_before(self, rows: int) -> Trial:
         """The recording with `rows` samples before it in which nothing changes yet."""
 
-        def longer(x: Array | None) -> Array | None:
-            return None if x is None else np.concatenate([np.full(rows, x[0]), x])
+        def longer(x: Array) -> Array:
+            return np.concatenate([np.full(rows, x[0]), x])
 
-        parts = {
-            k: longer(getattr(self, k))
-            for k in ("reference", "feedforward", "load", "y", "u", "asked", "lost")
-        }
-        begun = self.start_time - rows * self.sample_time
-        return replace(self, **parts, start_time=begun, unrest=None)
+        load, asked, lost = (
+            None if x is None else longer(x) for x in (self.load, self.asked, self.lost)
+        )
+        return replace(
+            self, reference=longer(self.reference), feedforward=longer(self.feedforward), load=load,
+            y=longer(self.y), u=longer(self.u), asked=asked, lost=lost,
+            start_time=self.start_time - rows * self.sample_time, unrest=None,
+        )  # fmt: skip
 
     @property
     def t(self) -> Array:
@@ -296,6 +298,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
     if plant.controller is not None and known_command:
         states, fed_back = feedback_of(plant.controller, recording, limit_of(plant))
         asked = asked_for(plant, recording, fed_back)
+        assert adrift is not None  # the command is known
         for whole in (start, adrift[0]):
             whole[n_plant + delay :] = states
     return Trial(

@@ -50,6 +50,12 @@ class Pair:
     load_rate: Array | None
     command: Array | None
 
+    @property
+    def sent(self) -> Array:
+        """The command; for terms that stand only where all recordings have it."""
+        assert self.command is not None
+        return self.command
+
 
 @dataclass(frozen=True)
 class Smoother:
@@ -161,13 +167,15 @@ def cut_off(drives: Sequence[Array], recordings: Sequence[Recording]) -> float:
 
 def pair(r: Recording, smoother: Smoother, shift: float, margin: int, force: float) -> Pair:
     """The recording's encoders smoothed, y_load read `shift` s later; `force` N per input unit."""
-    noise, other = noise_of(r.y), noise_of(r.y_load)
+    y, y_load = r.y, r.y_load
+    assert y_load is not None  # they are two
+    noise, other = noise_of(y), noise_of(y_load)
     share = 0.5 if noise + other == 0.0 else noise**2 / (noise**2 + other**2)
-    motion = [
-        (1.0 - share) * smoother(r.y, k, 0.0, margin) + share * smoother(r.y_load, k, shift, margin)
+    x, v, a, jerk = (
+        (1.0 - share) * smoother(y, k, 0.0, margin) + share * smoother(y_load, k, shift, margin)
         for k in range(4)
-    ]
-    difference = smoother(r.y, 0, 0.0, margin) - smoother(r.y_load, 0, shift, margin)
+    )
+    difference = smoother(y, 0, 0.0, margin) - smoother(y_load, 0, shift, margin)
     load = rate = command = None
     held = -0.5 * r.sample_time  # what is held for a sample acts half a sample later
     if r.d is not None and np.ptp(r.d) > 0.0:
@@ -178,6 +186,6 @@ def pair(r: Recording, smoother: Smoother, shift: float, margin: int, force: flo
     t = r.t[margin : len(r) - margin : smoother.every]
     step = smoother.every * r.sample_time
     return Pair(
-        r.source, t, step, smoother.width, difference, motion[0], *motion, 0.0 * t, load, rate,
+        r.source, t, step, smoother.width, difference, x, x, v, a, jerk, 0.0 * t, load, rate,
         command,
     )  # fmt: skip

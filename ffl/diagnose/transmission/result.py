@@ -165,7 +165,8 @@ def _drawn(scene: Scene, fit: Fit, index: int) -> Drawn:
     spring = [t for t in fit.terms if t.name in ("torsion", "friction", "command", "inertia")]
     torsion = None
     if spring:
-        torsion = sum(columns(t, p, known) @ values[fit.place(t)] for t in spring)
+        pulls = (columns(t, p, known) @ values[fit.place(t)] for t in spring)
+        torsion = sum(pulls, np.zeros(len(p.t)))
     told = known.load_mass is not None or known.has_load
     by = "load" if told else "command"
     for term in spring:
@@ -281,9 +282,10 @@ def _stiffness(
     for term in kept:
         if term.name in ("scale", "ripple", "play"):
             variants.append(tuple(t for t in kept if t != term))
-    spring = [(Term("torsion", "load"),)]
+    load = Term("torsion", "load")
+    spring: list[tuple[Term, ...]] = [(load,)]
     if known.has_command and known.load_mass is not None:
-        spring += [(Term("torsion", "command"),), (*spring[0], Term("friction"))]
+        spring += [(Term("torsion", "command"),), (load, Term("friction"))]
     fits = [scene.fit((*v, *s)) for v in variants for s in spring]
     tried = [f for f in (*fits, fit) if f is not None and f.has("torsion")]
     if not tried:

@@ -218,15 +218,15 @@ def columns(term: Term, pair: Pair, known: Known) -> Array:
     elif term.name == "scale":
         out = pair.measured
     elif term.name == "torsion" and term.by == "command":
-        out = pair.command - known.motor_mass * pair.acceleration
+        out = pair.sent - known.motor_mass * pair.acceleration
     elif term.name == "torsion":
         out = torque(pair, known)
     elif term.name == "inertia":
         out = pair.acceleration
     elif term.name == "friction":
-        out = pair.command - known.motor_mass * pair.acceleration - torque(pair, known)
+        out = pair.sent - known.motor_mass * pair.acceleration - torque(pair, known)
     elif term.name == "command":
-        out = np.column_stack([pair.command, pair.acceleration])
+        out = np.column_stack([pair.sent, pair.acceleration])
     elif term.name == "damping":
         out = known.load_mass * pair.jerk
         out = out if pair.load_rate is None else out + pair.load_rate
@@ -250,7 +250,7 @@ def driving(term: Term, pair: Pair, known: Known) -> Array:
         return pair.position
     if term.by == "load":
         return torque(pair, known)
-    given = pair.command - known.motor_mass * pair.acceleration
+    given = pair.sent - known.motor_mass * pair.acceleration
     if term.by == "torque":
         return (1.0 - term.share) * torque(pair, known) + term.share * given
     return given
@@ -302,7 +302,10 @@ def with_motion(
         replace(
             p,
             unforetold=p.acceleration - parts["acceleration"][i],
-            **{n: parts[n][i] for n in names},
+            position=parts["position"][i],
+            velocity=parts["velocity"][i],
+            acceleration=parts["acceleration"][i],
+            jerk=parts["jerk"][i],
         )
         for i, p in enumerate(pairs)
     )
