@@ -315,7 +315,7 @@ class Effect:
         """Options of each form it can take on a plant with modes (`flexible`) or without, sampled so."""
         return [{}]
 
-    def regressors(self, motion: Motion, **nonlinear: float) -> Array:
+    def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
         """(N, k) signals at `port`, for the coefficients that `from_coefficients` reads."""
         raise InputError(f"effect {self.name} has no regressors")
 

@@ -38,6 +38,6 @@ def with_other_contact(
         model = replace(judged.model, effects=effects)
         starts.append(model.at(model.theta))  # within bounds
     best = starts[int(np.argmin([quiet.cost(start) for start in starts]))]
-    other, judged = levelled([judge(quiet, held, best, 4, judged.fit), judged])
-    say(f"  {kind} contact: {other.score - judged.score:+.1f}")
-    return other if other.score > judged.score else judged
+    rival, judged = levelled([judge(quiet, held, best, 4, judged.fit), judged])
+    say(f"  {kind} contact: {rival.score - judged.score:+.1f}")
+    return rival if rival.score > judged.score else judged

@@ -281,7 +281,7 @@ def fit(
         if tried is not None:
             tried_white = scene.whiten(tried)
             gained = cost_of(white, theta) - cost_of(tried_white, trial_theta)
-        if gained > 0:
+        if tried is not None and gained > 0:
             factors = None
             moved = trial_theta - theta
             ratio = gained / promised
@@ -321,7 +321,9 @@ def fit(
     return Fit(model, white, j, columns, status)
 
 
-def _resettled(scene: Scene, model: Model, residuals: list[Array], white: Array):
+def _resettled(
+    scene: Scene, model: Model, residuals: list[Array], white: Array
+) -> tuple[Model, list[Array], Array]:
     """The model with as many sub-steps as its numbers now ask for: they stay fixed in between, since
     a step in them would show as a step in the differences."""
     other = model.resettled()

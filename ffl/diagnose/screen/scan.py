@@ -67,7 +67,7 @@ class _Power:
         return np.interp(frequency, self.frequencies, self.values)
 
 
-def _over_time(motions: list[Motion], forces: list[Array], power: _Power):  # type: ignore[no-untyped-def]
+def _over_time(motions: list[Motion], forces: list[Array], power: _Power) -> tuple[Array, Array]:
     longest = max(len(f) for f in forces)
     n = 4 * scipy.fft.next_fast_len(longest)
     step = motions[0].sample_time
@@ -82,7 +82,9 @@ def _over_time(motions: list[Motion], forces: list[Array], power: _Power):  # ty
     return frequencies[usable], score[usable]
 
 
-def _over_position(motions: list[Motion], forces: list[Array], power: _Power, fewest: float):  # type: ignore[no-untyped-def]
+def _over_position(
+    motions: list[Motion], forces: list[Array], power: _Power, fewest: float
+) -> tuple[Array, Array]:
     joined_x = np.concatenate([m.x for m in motions])
     speed = np.abs(np.concatenate([m.v for m in motions]))
     force = np.concatenate(forces)

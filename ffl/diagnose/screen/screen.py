@@ -120,10 +120,10 @@ class Screen:
 
     def _led(self, along: Scene, left: Sequence[Array]) -> Array:
         """What the linear loop answers to the force that leads there, and what that has `left`, (N,)."""
-        forces = [
-            led.load - (0.0 if own.load is None else own.load)
-            for led, own in zip(along.trials, self.scene.trials, strict=True)
-        ]
+        forces = []
+        for led, own in zip(along.trials, self.scene.trials, strict=True):
+            assert led.load is not None  # that leads it
+            forces.append(led.load if own.load is None else led.load - own.load)
         answered = self.through(Place("command"), [f[:, None] for f in forces])[:, 0]
         return answered + self.scene.whiten(left)
 
@@ -216,7 +216,7 @@ class Screen:
         if np.any(size <= floor):
             return 0.0, np.zeros(columns.shape[1])
         if len(size) == 1:  # most of the grid: no factorisation needed
-            coefficients = np.array([beyond[:, 0] @ self.residual]) / size
+            coefficients: Array = np.array([beyond[:, 0] @ self.residual]) / size
             if positive and coefficients[0] < 0:
                 return 0.0, np.zeros(1)
             return float(coefficients[0] ** 2), coefficients / size
@@ -336,7 +336,7 @@ class Screen:
 
     def columns_of(
         self, effect: Effect, motion: Motion, nonlinear: Mapping[str, float], place: Place
-    ):  # type: ignore[no-untyped-def]
+    ) -> Array:
         columns = effect.regressors(motion, **nonlinear)
         if place.port == "force":
             columns = columns / self.model.simulator.force_per_input
@@ -391,8 +391,6 @@ def as_measured(scene: Scene, fit: Fit) -> Screen | None:
 
 def _joined(motions: Sequence[Motion], turn: float | None) -> Motion:
     """All recordings as one, for grids by range and quantile."""
-    signals = {
-        name: np.concatenate([getattr(m, name) for m in motions])
-        for name in ("t", "r", "u", "x", "v", "a")
-    }
-    return replace(motions[0], turn=turn or motions[0].turn, **signals)
+    names = ("t", "r", "u", "x", "v", "a")
+    t, r, u, x, v, a = (np.concatenate([getattr(m, name) for m in motions]) for name in names)
+    return replace(motions[0], turn=turn or motions[0].turn, t=t, r=r, u=u, x=x, v=v, a=a)
