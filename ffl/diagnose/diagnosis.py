@@ -269,10 +269,10 @@ def _named(
         held = with_starts(held.like(scene), standing.model)
         standing = judge(scene, held, standing.model, rounds=5)
     if not standing.predicted:
-        before = standing.model.names
+        names = standing.model.names
         standing = across_the_line(standing.scene, held, standing)
         standing, outcome = against_the_refused(held, standing, outcome)
-        standing, outcome = late_otherwise(held, standing, outcome, before)
+        standing, outcome = late_otherwise(held, standing, outcome, names)
         standing, outcome = plainest(held, standing, outcome)
         standing = without_chance(held, without_faint(held, standing))
         standing = without_unneeded(held, let_free(held, standing))

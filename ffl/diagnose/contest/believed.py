@@ -32,7 +32,8 @@ def stays_in_a_believed_model(quiet: Scene, judged: Judged, without: Judged, kee
     ours, theirs = (_believed(quiet, one) for one in (judged, without))
     if ours is None or theirs is None:
         return False
-    return stays(*levelled([ours, theirs]), keep)
+    ours, theirs = levelled([ours, theirs])
+    return stays(ours, theirs, keep)
 
 
 def _believed(quiet: Scene, judged: Judged) -> Judged | None:

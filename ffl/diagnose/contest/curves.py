@@ -74,8 +74,8 @@ def two_for_two(
         say(f"  {pair[0].name} and {pair[1].name} for {dry.name} and {own.name}: {gained:+.1f}")
         if not more or gained > 0.0:
             near.append((gained, rival))
-    gained, rival = max(near, key=lambda way: way[0], default=(-np.inf, None))
-    return rival if gained > -NEAR else None
+    best = max(near, key=lambda way: way[0], default=None)
+    return best[1] if best is not None and best[0] > -NEAR else None
 
 
 def _pairs(

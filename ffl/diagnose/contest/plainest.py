@@ -122,9 +122,8 @@ def _one_level(judged: Judged, index: int) -> bool:
     spec = judged.model.effects[index]
     one, other = LEVELS[spec.name]
     apart = abs(float(spec.parameters[one]) - float(spec.parameters[other]))
-    return apart < 2.0 * float(
-        np.hypot(*(error_of(judged, index, name) or 0.0 for name in (one, other)))
-    )
+    errors = [error_of(judged, index, name) or 0.0 for name in (one, other)]
+    return apart < 2.0 * float(np.hypot(errors[0], errors[1]))
 
 
 def _held(model: Model, index: int) -> bool:

@@ -111,7 +111,7 @@ class Scene:
             out.append(trial.beside(y))
         return out
 
-    def cost(self, model: Model) -> float:
+    def cost(self, model: Runs) -> float:
         """Sum of squares of the whitened residual; infinite where the simulation leaves all bounds."""
         residuals = self.residuals(model)
         if residuals is None:

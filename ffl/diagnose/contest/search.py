@@ -171,8 +171,9 @@ def _with_who_was_turned_down(
         say(f"the other way: with {one.name}, refused before")
         joined = [s for s in outcome.steps[: outcome.steps.index(step)] if s.accepted is not None]
         steps = [*joined, replace(step, accepted=one, turned_down=None)]
-        start = one.scene, one.held, one, steps, {}
-        other = _climb(*start, frozenset(), threshold, most, say, patient=True)
+        other = _climb(
+            one.scene, one.held, one, steps, {}, frozenset(), threshold, most, say, patient=True
+        )
         left = raw_error(other.held, other.standing.model)
         say(f"  {np.sqrt(left / stood):.2f} times the held-out error")
         return other if left < HALF * stood else outcome
@@ -230,6 +231,7 @@ def _climb(
             (base, error) if last is None else as_far_as_told(held, base, last, error, last_error)
         )
         if kept is None:
+            assert last is not None  # who would be kept else
             # What came in last does not hold up on the held-out recordings once all is refitted.
             times = np.sqrt(error / last_error)
             say(f"  turned down again: held-out error {times:.2f} times as large")

@@ -127,8 +127,8 @@ def settle(
         only = _untried(name, before) if before else None
         found = challengers(quiet, current, index, steps, reserve, only)
         others += _in_its_place(quiet, held, current, without, index, found, say)
-        names, tried = zip(*others, strict=True)
-        *tried, alone = levelled([*tried, without])
+        names = [rival for rival, _ in others]
+        *tried, alone = levelled([*(other for _, other in others), without])
         tried[1:] = between(quiet, tried[0], tried[1:])
         others = list(zip(names, tried, strict=True))
         current = others[0][1]
@@ -136,16 +136,16 @@ def settle(
             say(f"  {rival} for {name}: {other.score - current.score:+.1f}")
         # The pliable must say more, not fit a little better.
         share = max(SHARE * len(current.fit.white), LITTLE * (current.score - alone.score))
-        worthy = [
+        able = [
             (rival, other)
             for rival, other in others[1:]
             if earns(other, alone, 0.0)
             and (rival not in PLIABLE or name in PLIABLE or other.score > current.score + share)
         ]
-        kept = gaining([current, *(other for _, other in worthy)], alone)
-        worthy = [pair for pair in worthy if any(pair[1] is one for one in kept)]
-        best_name, best = max([others[0], *worthy], key=lambda pair: pair[1].score)
-        fewer = [p for p in worthy if _plainer(p[1], current)]
+        kept = gaining([current, *(other for _, other in able)], alone)
+        able = [pair for pair in able if any(pair[1] is one for one in kept)]
+        best_name, best = max([others[0], *able], key=lambda pair: pair[1].score)
+        fewer = [p for p in able if _plainer(p[1], current)]
         simpler = max(fewer, key=lambda pair: pair[1].score, default=None)
         if simpler and simpler[1].score > best.score - SUBSTITUTE:  # it does the same with less
             best_name, current = simpler
@@ -360,7 +360,8 @@ def challengers(
     side = spec.options.get("side", "sensor")
     top = max((c.gain for c in found), default=0.0)
     plain = _plainest(spec, beside) if PLAINEST in wanted else []
-    chosen, others = [], []
+    chosen: list[Candidate] = []
+    others: list[Candidate] = []
     seen: set[str] = set()
     for c in found:
         own = c.spec.options.get("side", "sensor") == side

@@ -135,8 +135,8 @@ def sets(screen: Screen, seen: Sequence[Candidate], most: int = 2) -> list[Toget
     """Pairs, tuned, that leave much less than any single effect of those `seen`, and what some of them
     are part of where a third leaves much less than they do; best first. None where one is enough."""
     allowed = {c.spec.name for c in seen}
-    alone = [_solved(screen, (c,)) for c in _best_of_each(seen)[:FIRST]]
-    alone = [one for one in alone if one is not None]
+    solved = [_solved(screen, (c,)) for c in _best_of_each(seen)[:FIRST]]
+    alone = [one for one in solved if one is not None]
     least = min((one.left for one in alone), default=0.0)
     if least < ENOUGH * len(screen.residual):
         return []

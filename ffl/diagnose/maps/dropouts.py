@@ -164,6 +164,7 @@ def _told(scene: Scene, judging: Scene | None, first: Fit, least: bool) -> Dropo
             return None
         beside = search.scene
         found = fit(beside, found.model, rounds=ROUNDS)
+    assert search is not None  # there is a pass
     own = replace(search.scene, trials=scene.trials)
     left = own.residuals(found.model)
     if left is None:

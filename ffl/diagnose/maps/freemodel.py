@@ -194,7 +194,8 @@ class FreeModel:
         if shown and self.model.base.keeps_start(trial):
             head = trial.head(shown_in(simulator, len(trial)))
             motion = self.model.simulate(head, [side_of(shown[0].place)]).motion("sensor", None)
-            return start + start_behind(simulator, sum(p.signal(motion) for p in shown))
+            added_to = sum((p.signal(motion) for p in shown), np.zeros(len(motion.t)))
+            return start + start_behind(simulator, added_to)
         if not trial.at_rest or not shown or simulator.plant.controller is None:
             return start
 

@@ -214,6 +214,7 @@ class Mapped(Effect):
         knots, g = part.term.knots(part.ranges), part.coefficients
         floor = FLOOR * max(max(abs(v) for v in part.ranges["v"]), 1e-300)
         kind, tail = part.term.kind, []
+        assert kind is not None  # it runs in the loop
         steepest = 0.0
         if kind == BY_VELOCITY:
             steepest = float(np.abs(np.diff(g) / np.diff(knots)).max())

@@ -151,9 +151,8 @@ def compare(
         # A magnet that the judging move passes by: over a damping 38 times the stated one it was to show.
         unseen = gains[1] > -HELD_WORTH and hardly_shown(likely, gains[0])
         hardly = alone is not None and (alone.untold or unseen)
-        told = alone is not None and (gains[1] > MARGIN or (hardly and gains[0] > UNTOLD))
-        told = told and gains[0] > MARGIN and in_own_noise(scene, standing, alone) > MARGIN
-        if alone and told:
+        told = gains[0] > MARGIN and (gains[1] > MARGIN or (hardly and gains[0] > UNTOLD))
+        if alone and told and in_own_noise(scene, standing, alone) > MARGIN:
             said = _described(Contest("unnamed", alone, None, *gains, _after(alone)), scene, rng)
             if said.verdict == "unnamed":
                 return said
@@ -247,7 +246,7 @@ def _falling(scene: Scene, held: Scene | None, standing: Model, nominal: Model) 
             best = one, fitted, held_out
     if best is None or min(best[1:]) < MARGIN:
         return None
-    one, *gains = best
+    one, gains = best[0], best[1:]
     return Contest("unnamed", one, None, *gains, None, one.variables, formulas=(law(one.free),))
 
 

@@ -82,7 +82,7 @@ def humming(scene: Scene, model: Model) -> tuple[Scene, list[EffectSpec]]:
     step = trials[0].sample_time
     longest = max(float(np.ptp(part.t)) for part in parts)
     most = scipy.fft.next_fast_len(4 * max(part.length for part in parts), real=True)
-    power = 0.0
+    power = np.zeros(most // 2 + 1)
     for part, e in zip(parts, left, strict=True):
         signal = np.zeros(part.length)
         signal[part.clear] = e

@@ -176,8 +176,8 @@ def _alike(one: Judged, other: Judged) -> bool:
     """The same friction beside the same effects, its level within a quarter."""
     if one.model.names != other.model.names:
         return False
-    levels = [level_of(judged.model.effects[-1]) for judged in (one, other)]
-    return None not in levels and abs(levels[0] - levels[1]) <= ALIKE * max(levels)
+    own, its = (level_of(judged.model.effects[-1]) for judged in (one, other))
+    return own is not None and its is not None and abs(own - its) <= ALIKE * max(own, its)
 
 
 def _best(rivals: Sequence[Judged], none: Judged | None) -> Judged | None:

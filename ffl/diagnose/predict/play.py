@@ -174,6 +174,7 @@ def _forms(model: Model) -> list[dict[str, Any]]:
     """Options of the backlash: first those of no play, as the plant file has the plant, then the
     forms that are tried. A rigid plant has a part of its mass behind the gap."""
     modes = model.base.simulator.mechanics.modes
+    tried: list[dict[str, Any]]
     if len(modes) == 2:
         ratios = RATIOS if modes[1].sign < 0 else (None,)
         own = modes[1].damping / (2.0 * np.sqrt(modes[1].stiffness))

@@ -112,7 +112,7 @@ def with_rattling(
     say("a play between motor and load is looked for from sample to sample")
     if rigid and _mapped(replace(standing.scene, noise=prior), outcome.held or held, told):
         return outcome
-    levels = LOOSENESS if loud else LOOSENESS[QUIET:]
+    levels: Sequence[float] = LOOSENESS if loud else LOOSENESS[QUIET:]
     scene, sines = humming(scene, told)
     named = standing.model.effects
     begun, levels = started(scene, told, named, sines, levels, GRIDS if loud else 1)

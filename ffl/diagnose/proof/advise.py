@@ -117,8 +117,9 @@ def sharpen(scene: Scene, fit: Fit, index: int, name: str) -> Experiment | None:
         if run is None or design.heavier:
             continue
         j = Whitener.of(scene.loop, scene.noise)(_slopes(fit.model, trial, design, run))
-        r = np.linalg.qr(np.vstack([j @ inner, np.eye(inner.shape[1])]), "r")
-        after = np.linalg.norm(scipy.linalg.solve_triangular(r.T, inner[index], lower=True))
+        r = np.asarray(np.linalg.qr(np.vstack([j @ inner, np.eye(inner.shape[1])]), "r"))
+        left = scipy.linalg.solve_triangular(r.T, inner[index], lower=True)
+        after = float(np.linalg.norm(left))
         found.append((float(before / max(after, 1e-300)), design, trial))
     return _best(found, (name, ""))
 
@@ -271,10 +272,10 @@ def plan(
             best = max((j for n, j in outcome.contenders[name] if n == near), key=lambda j: j.score)
             return separate(scene, standing.model, best.fit, (name, near))
     if not names:
-        rival = _runner_up(outcome)
-        if rival is None:
+        second = _runner_up(outcome)
+        if second is None:
             return None
-        return separate(scene, standing.model, rival, ("nothing missing", rival.model.names[-1]))
+        return separate(scene, standing.model, second, ("nothing missing", second.model.names[-1]))
     return _vaguest(scene, standing, told)
 
 

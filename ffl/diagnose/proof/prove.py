@@ -150,13 +150,13 @@ def prove(
         variance = _mean_square(one.y for one in alike)
     samples = sum(len(t) for t in trials)
     scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in y) / samples))
-    controlled = held.loop.controller is not None and not observed
+    controller = None if observed else held.loop.controller
     u_floor = None
     u_before = u_after = None
-    if controlled and all(np.all(np.isfinite(a)) for a in u):
+    if controller is not None and all(np.all(np.isfinite(a)) for a in u):
         u_before = nrmse(u, [s.u for s in before])
         u_after = nrmse(u, [s.u for s in after])
-        c = np.abs(held.loop.controller.output.response(paths.frequencies)) ** 2
+        c = np.abs(controller.output.response(paths.frequencies)) ** 2
         u_scale = float(np.sqrt(sum(float(np.sum((a - a.mean()) ** 2)) for a in u) / samples))
         u_variance = _mean_square(one.u for one in alike) if alike else float(np.mean(c * density))
         u_floor = float(np.sqrt(u_variance)) / u_scale if u_scale > 0 else None

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import Protocol
 
 import numpy as np
 
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.resting import at_speed, springs_back, winds
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.effects.drift import SETTLES
 from ffl.errors import InputError
+from ffl.machines.simulator import Simulation
+from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 SECONDS = 1.0  # what the start still shows in
@@ -29,7 +32,17 @@ ADRIFT = 8.0  # sum of squares per state of the plant that a start in motion mus
 DONE = 0.1  # of the sum of squares in units of the noise: what one more step must bring
 
 
-def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
+class Follows(Protocol):
+    """What has a say in how a recording began: a model, or one with maps beside it."""
+
+    @property
+    def base(self) -> Base: ...
+    @property
+    def acting(self) -> tuple[EffectSpec, ...]: ...
+    def follow(self, trial: Trial) -> Simulation: ...
+
+
+def with_starts(scene: Scene, model: Follows, rounds: int = MOST) -> Scene:
     """The scene with the starts of recordings that begin in motion fitted under `model`, in at most
     `rounds` steps each, and those at rest with springs wound up or not, as they show it; the scene
     itself where no start is open, or the model is of no machine."""
@@ -51,7 +64,7 @@ def with_starts(scene: Scene, model: Model, rounds: int = MOST) -> Scene:
     return replace(scene, trials=tuple(trials))
 
 
-def _started(model: Model, trial: Trial, whitener: Whitener, rounds: int) -> Trial:
+def _started(model: Follows, trial: Trial, whitener: Whitener, rounds: int) -> Trial:
     for _ in range(rounds):
         trial, gained = _improved(model, trial, whitener)
         if gained < DONE:
@@ -59,7 +72,7 @@ def _started(model: Model, trial: Trial, whitener: Whitener, rounds: int) -> Tri
     return trial
 
 
-def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
+def _adrift(model: Follows, trial: Trial, whitener: Whitener) -> Trial:
     """The trial, or as it begins in motion where its first second says so: nothing holds a machine with
     a dead zone or play where its reference stands still."""
     wound = winds(model.base.simulator, model.acting)
@@ -75,7 +88,7 @@ def _adrift(model: Model, trial: Trial, whitener: Whitener) -> Trial:
     return moving if costs[1] < costs[0] - ADRIFT * model.base.simulator.n_plant else trial
 
 
-def _taken_for_resting(model: Model, trial: Trial) -> Trial:
+def _taken_for_resting(model: Follows, trial: Trial) -> Trial:
     """The trial as it was read at rest, if it was: another model took it to move, and may be wrong."""
     if trial.at_rest or trial.adrift is None:
         return trial
@@ -86,14 +99,14 @@ def _taken_for_resting(model: Model, trial: Trial) -> Trial:
     )
 
 
-def _open(scene: Scene, model: Model) -> bool:
+def _open(scene: Scene, model: Follows) -> bool:
     """Whether the model has a say in how a recording began."""
     if any(not trial.at_rest or trial.adrift is not None for trial in scene.trials):
         return True
     return _reach(model) > 0 or winds(model.base.simulator, model.acting)
 
 
-def _stood(model: Model, trial: Trial, whitener: Whitener) -> Trial:
+def _stood(model: Follows, trial: Trial, whitener: Whitener) -> Trial:
     """The trial with springs and contacts wound up before the first sample, or let go there: what its
     first second says. A machine that came to rest after a move is the one, a simulation the other."""
     head = trial.head(_begun(trial))
@@ -120,18 +133,18 @@ def _begun(trial: Trial) -> int:
     return min(len(trial), max(200, round(SECONDS / trial.sample_time)))
 
 
-def _cost(model: Model, trial: Trial, whitener: Whitener) -> float:
+def _cost(model: Follows, trial: Trial, whitener: Whitener) -> float:
     """Sum of squares that the trial leaves; infinite where the simulation leaves all bounds."""
     run = model.follow(trial)
     white = np.inf if run.diverged else trial.weighed(whitener(trial.y - run.y))
     return float(np.sum(white**2))
 
 
-def _reach(model: Model) -> float:
+def _reach(model: Follows) -> float:
     return max((EFFECTS[s.name].reach(s.parameters) for s in model.acting), default=0.0)
 
 
-def _recalled(model: Model, trial: Trial) -> float:
+def _recalled(model: Follows, trial: Trial) -> float:
     """How far from the first command the one before may have been where an open-loop drive still shows
     it, input units; 0 where none is remembered. (A controller's command moves little within a lag.)"""
     lags = any(EFFECTS[s.name].remembers_command for s in model.acting)
@@ -139,7 +152,7 @@ def _recalled(model: Model, trial: Trial) -> float:
     return float(np.sqrt(np.mean(trial.u**2))) if shows else 0.0
 
 
-def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, float]:
+def _improved(model: Follows, trial: Trial, whitener: Whitener) -> tuple[Trial, float]:
     """One Gauss-Newton step on the plant's states, on the travel that its contacts remember and on the
     command that its drive does, with the doubt as prior, and what it takes off the sum of squares."""
     n = model.base.simulator.n_plant
@@ -185,7 +198,7 @@ def _improved(model: Model, trial: Trial, whitener: Whitener) -> tuple[Trial, fl
     return whole, 0.0
 
 
-def _spread(trial: Trial, model: Model) -> np.ndarray:
+def _spread(trial: Trial, model: Follows) -> np.ndarray:
     """Standard deviation of each state of the start, in the simulator's order."""
     values = np.sqrt(np.maximum(np.diag(trial.doubt), 0.0))
     n = model.base.simulator.n_states
