@@ -59,10 +59,6 @@ from ffl.systems.plant import Plant
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
-SMOOTHS = (
-    "noise decides when this machine sticks and slips, which a free run knows nothing of: dry friction was "
-    "named by prediction from sample to sample"
-)
 BLIND = "the output turns back at zero: the sensor is blind to the sign"
 FOLD = 0.5  # of the squared error: what a sign-blind sensor must leave at most
 NO_WORSE = 1.1  # times it, where the recordings that are fitted, or that judge, show no folds
@@ -257,8 +253,6 @@ def _named(
     standing, held = outcome.standing, outcome.held or held
     if standing.predicted:
         say(f"{standing.name}: foretells sample by sample what no free run does")
-        if "backlash" not in standing.model.names:
-            notes.append(SMOOTHS)
     elif len(short) > len(recordings) or len(short_held) > len(validation):
         notes.append(f"more than {LONG} samples: named from stretches, fitted and judged on all")
         say("fitting what was named to all samples")

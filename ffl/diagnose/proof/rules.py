@@ -148,11 +148,10 @@ def _what_is_left(ended: Ended, said: Said) -> Said:
 
 
 def _by_prediction(ended: Ended, said: Said) -> Said:
-    """A play that was foretold, by its free runs."""
-    if not (ended.standing.predicted and "backlash" in ended.standing.model.names):
+    if not ended.standing.predicted:
         return said
-    word, note = foretold(said.verdict, ended.proof)
-    return replace(said.noted(note), verdict=word)
+    word, notes = foretold(said.verdict, ended.proof, ended.standing.model.names)
+    return replace(said.noted(*notes), verdict=word)
 
 
 def _no_worse(ended: Ended, said: Said) -> Said:

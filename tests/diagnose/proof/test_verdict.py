@@ -22,6 +22,11 @@ def by_position():  # type: ignore[no-untyped-def]
     return SimpleNamespace(parts=(part,), alike=(), ranking=(), variables=("position",))
 
 
+def proof(off, before):  # type: ignore[no-untyped-def]
+    """Held-out free runs so many times off, and those of the model alone, as noise parts two."""
+    return SimpleNamespace(nrmse_after=off * 4e-5, noise_floor=4e-5, improves=off < before)
+
+
 def test_a_map_is_said_where_the_name_beside_it_does_not_hold():
     said, place = refuted(contest("partly", by_position()))
     assert said == "unnamed"
@@ -59,8 +64,27 @@ def test_free_runs_far_off_are_another_machine_s_unless_a_map_brings_them_near(
     [(1.2, "explained", "rattles"), (12.0, "partly_explained", "leave 12 times")],
 )
 def test_a_play_is_not_all_where_free_runs_part_further_than_noise_parts_them(off, said, words):
-    proof = SimpleNamespace(nrmse_after=off * 4e-5, noise_floor=4e-5)
-    found, note = foretold("explained", proof)
+    found, notes = foretold("explained", proof(off, 0.5 * off), ["backlash"])
     assert found == said
-    assert words in note
-    assert foretold("unnamed", proof)[0] == "unnamed"
+    assert words in notes[0]
+    assert foretold("unnamed", proof(off, 0.5 * off), ["backlash"])[0] == "unnamed"
+
+
+@pytest.mark.parametrize(
+    ("off", "before", "said", "words"),
+    [
+        (1.1, 3.0, "explained", ()),
+        (12.0, 13.0, "partly_explained", ("leave 12 times",)),
+        (1.4, 1.0, "explained", ("no nearer",)),
+        (2.6, 2.0, "partly_explained", ("leave 2.6 times",)),
+    ],
+)
+def test_a_friction_in_noise_whose_free_runs_are_no_nearer_is_all_where_noise_parts_them_as_far(
+    off, before, said, words
+):
+    found, notes = foretold("explained", proof(off, before), ["coulomb_friction"])
+    assert found == said
+    assert "sticks and slips" in notes[0]
+    assert len(notes) == 1 + bool(words)
+    assert all(word in notes[-1] for word in words)
+    assert foretold("unnamed", proof(off, before), ["coulomb_friction"])[0] == "unnamed"
