@@ -8,8 +8,8 @@ from typing import Any
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.rounds import Step
+from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.picture import MapPicture
-from ffl.diagnose.maps.unnamed import Contest
 from ffl.diagnose.number import Number, clean
 from ffl.diagnose.proof.advise import Experiment
 from ffl.diagnose.proof.prove import Proof

@@ -24,7 +24,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import FreeModel
-from ffl.diagnose.maps.unnamed import Contest
+from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.proof.experiments import (
     Design,

@@ -17,8 +17,9 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import FreeModel, Running
+from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.picture import MapPicture, picture
-from ffl.diagnose.maps.unnamed import Contest, compare
+from ffl.diagnose.maps.unnamed import compare
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.findings import finding
 from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.hypothesis.corrections import times_as_much
-from ffl.diagnose.maps.unnamed import Contest
+from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.proof.names import named
 from ffl.diagnose.proof.prove import Proof
 from ffl.diagnose.proof.unvisited import unvisited

@@ -13,7 +13,8 @@ from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps import freeform, unnamed
 from ffl.diagnose.maps.depends import needed_variables
-from ffl.diagnose.maps.unnamed import Contest, _after, _drawn, compare
+from ffl.diagnose.maps.outcome import Contest
+from ffl.diagnose.maps.unnamed import _after, _drawn, compare
 from ffl.diagnose.proof.verdict import _nameless
 from ffl.diagnose.recorded.events import Events
 from ffl.machines.simulator import Simulator

@@ -23,7 +23,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import claims, of_its_own, sizes
 from ffl.diagnose.hypothesis.corrections import corrections
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.maps.unnamed import Contest
+from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.verdict import verdict
 from ffl.diagnose.recorded.trials import prepare

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from ffl.diagnose.hypothesis.places import Place
+from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.terms import TERMS
-from ffl.diagnose.maps.unnamed import Contest
 from ffl.diagnose.proof.verdict import foretold, is_unlike, refuted
 
 
