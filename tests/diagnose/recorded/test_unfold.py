@@ -3,7 +3,7 @@ force noise that hides its folds."""
 
 import numpy as np
 
-from ffl.diagnose.diagnosis import _through_folds
+from ffl.diagnose.ground import _through_folds
 from ffl.diagnose.hypothesis.fit import Scene, fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
