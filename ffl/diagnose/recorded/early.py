@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from ffl.diagnose.hypothesis.linear import corrected_plant, corrections_of
+from ffl.diagnose.recorded.against_controller import Fault
 from ffl.diagnose.recorded.compared import compared, moved_by
-from ffl.diagnose.recorded.sound import SHIFTS, Fault
+from ffl.diagnose.recorded.equation import SHIFTS
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.systems.plant import Plant

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.recorded.sound import stated_ratio
+from ffl.diagnose.recorded.equation import stated_ratio
 from ffl.recordings import Recording
 from ffl.recordings.jumps import unwrapped
 from ffl.recordings.spikes import spikes, told, without_spikes

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
+from ffl.diagnose.recorded.against_controller import Fault
 from ffl.diagnose.recorded.compared import compared, factor_of, held_by, moved_by
 from ffl.diagnose.recorded.early import early
-from ffl.diagnose.recorded.sound import Fault
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.recordings.units import factor_between, looks_like

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.recorded.equation import stated_ratio
 from ffl.diagnose.recorded.glitches import without_glitches, without_turns
-from ffl.diagnose.recorded.sound import stated_ratio
 from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 from ffl.systems.zpk import as_state_space
