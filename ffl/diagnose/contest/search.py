@@ -34,7 +34,7 @@ from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import claimants, crosses
 from ffl.diagnose.contest.modes import mode_elsewhere
 from ffl.diagnose.contest.parallel import each
-from ffl.diagnose.contest.restraint import as_far_as_told, worse
+from ffl.diagnose.contest.restraint import as_far_as_told, spoken_against, worse
 from ffl.diagnose.contest.rounds import Outcome, Step, to_the_end
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import (
@@ -372,11 +372,16 @@ def _one_more(
             rivals[k] = to_the_end(quiet, held, rival)
     base, *rivals = levelled([base, *rivals])
     rivals.sort(key=lambda j: -j.score)
-    worthy = [
-        r
-        for r in rivals
-        if earns(r, base, threshold) and earns(r, granted(base, r, quiet), threshold)
-    ]
+
+    def earning(among: Sequence[Judged]) -> list[Judged]:
+        able = [r for r in among if earns(r, base, threshold)]
+        return [r for r in able if earns(r, granted(base, r, quiet), threshold)]
+
+    worthy = earning(rivals)
+    if not worthy and (stated := spoken_against(quiet, held, base, rivals, threshold)):
+        base, *rivals = levelled([base, *stated, *rivals])
+        rivals.sort(key=lambda j: -j.score)
+        worthy = earning(rivals)
     if worthy and base.model.effects and not (quiet.plain or quiet.observed):
         worthy = louder_than_noise(base, worthy)
     worthy = no_patch(quiet, held, base, worthy, say)

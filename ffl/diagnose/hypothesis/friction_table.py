@@ -42,8 +42,8 @@ def refined(quiet: Scene, held: Scene | None, judged: Judged, say: Callable[[str
         return judge(quiet, held, model, 6, judged.fit)
 
     if NAME not in judged.model.names:
-        if SIMPLE not in judged.model.held:
-            return judged
+        if SIMPLE not in judged.model.held or not judged.model.corrections.get(SIMPLE):
+            return judged  # nor has a table ever held it: as stated it is held for another reason
         return tried(replace(judged.model, held=judged.model.held - {SIMPLE}))
     top = max(float(np.abs(judged.model.simulate(trial).v).max()) for trial in quiet.trials)
     current, form = judged, judged

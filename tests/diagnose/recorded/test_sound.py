@@ -113,6 +113,22 @@ def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignor
     assert "1.25 times" in fault.mend
 
 
+@pytest.mark.parametrize(("noise", "said"), [(0.0, True), (3e-3, False)])
+def test_its_gain_is_told_where_feedback_is_little_of_the_command(stage, clean, noise, said):  # type: ignore[no-untyped-def]
+    """Of the blind run 20270125, case 0037: f was 99 % of u, a controller of 0.8 times the stated gain left
+    1 % of it, and passed for sound. Where u is measured in noise as large it may be that."""
+    c = stage.controller.reference
+    other = replace(stage, controller=Controller.of_error(replace(c, gain=c.gain / 0.8)))
+    rng = np.random.default_rng(0)
+    large = 30.0 * np.std(clean.u) * np.sin(0.05 * np.arange(len(clean)))
+    shaken = noise * np.std(large) * rng.standard_normal(len(clean))
+    fed = _with(clean, f=clean.f + large, u=clean.u + large + shaken)
+    found = soundness(other, [fed])
+    assert 1e-4 < found.consistency[0] < 0.02
+    assert [f.kind for f in found.faults] == ["controller"] * said
+    assert all("0.8 times the stated gain" in f.mend for f in found.faults)
+
+
 def test_fault_ends_the_diagnosis(stage, clean):  # type: ignore[no-untyped-def]
     answer = diagnose(stage, [_with(clean, u=-clean.u)]).answer()
     assert answer["verdict"] == "inconclusive"
