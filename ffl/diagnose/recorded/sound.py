@@ -23,6 +23,8 @@ from ffl.recordings import Recording
 from ffl.recordings.jumps import missing_findings
 from ffl.systems.plant import Plant
 
+STILL = 1.2  # times the sensor's noise: y that varies less shows nothing else
+
 
 @dataclass(frozen=True)
 class Soundness:
@@ -38,6 +40,8 @@ def soundness(plant: Plant, recordings: Sequence[Recording]) -> Soundness:
     """Checks every recording against the stated controller."""
     ratios, faults = [], []
     notes: dict[int, str] = {}
+    if recordings and all(_unmoved(plant, r) for r in recordings):
+        faults.append(_at_rest(recordings))
     for recording in recordings:
         fault = _dead(recording) or _incomplete(recording)
         if fault is None and plant.controller is not None and "u" not in recording.missing:
@@ -75,6 +79,24 @@ def injected_as_sent(
             kept[-1] = replace(recording, f=k * recording.f)
             notes.append(f"{recording.source}: f acted {k:.4g} times as noted; taken as it acted")
     return kept, notes
+
+
+def _unmoved(plant: Plant, recording: Recording) -> bool:
+    """y shows nothing but the noise that is stated of its sensor. (A stage that friction held, at rest for
+    6 s: a hardening spring, explained with 0.87.)"""
+    machine, y = plant.machine, recording.y
+    noise = float(np.hypot(machine.sensor_noise, machine.encoder_resolution / np.sqrt(12.0)))
+    most = 2.0 * noise * (np.sqrt(2.0 * np.log(len(y))) + 1.0)
+    return 0.0 < float(np.std(y)) < STILL * noise and float(np.ptp(y)) < most
+
+
+def _at_rest(recordings: Sequence[Recording]) -> Fault:
+    most = max(float(np.abs(r.u[np.isfinite(r.u)]).max(initial=0.0)) for r in recordings)
+    return Fault(
+        recordings[0].source, "unmoved", "y is the noise of its sensor, and no more",
+        f"the machine did not move under commands of up to {most:.3g}: record moves, longer or with more "
+        "force",
+    )  # fmt: skip
 
 
 def _dead(recording: Recording) -> Fault | None:

@@ -74,6 +74,23 @@ def test_one_stay_that_is_left_at_speed_is_a_limit_of_the_sensor(table):  # type
     assert clipping(table, [replace(clear, y=y + noise)]) is None
 
 
+@pytest.mark.parametrize(("drift", "clips"), [(0.0, True), (6.0, False)])
+def test_what_rests_within_the_noise_of_a_sensor_scatters_by_it(table, drift, clips):  # type: ignore[no-untyped-def]
+    """A flow that is highest twice, behind a valve that sticks there, goes on by its own way: of 1.9 times
+    the noise, and "the sensor clips" with 0.97. `drift`: standard deviations from end to end of a stay."""
+    quiet = replace(table, machine=Imperfections(1e-9, 2e-6, 0.1, None))
+    t = STEP * np.arange(2500)
+    bumps = sum(12.0 * np.exp(-(((t - at) / 0.15) ** 2)) for at in (1.5, 3.5))
+    clear = SimulatedMachine(table).run(np.zeros(2500), bumps, np.random.default_rng(1))
+    level = 0.9 * float(np.abs(clear.y).max())
+    y = np.clip(clear.y, -level, level)
+    at = np.flatnonzero(np.abs(y) == level)
+    for stay in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+        y[stay] += 2e-6 * np.linspace(-0.5, 0.5, len(stay)) * drift * np.sign(y[stay])
+    y += 2e-6 * np.random.default_rng(2).standard_normal(len(y))
+    assert (clipping(quiet, [replace(clear, y=y)]) is not None) is clips
+
+
 def test_what_a_clipping_sensor_lost_needs_no_explanation(table):  # type: ignore[no-untyped-def]
     """How force noise moves the machine on behind the limit is no model's business; a gain and a mass were
     found besides before, to explain what it seemed to do there."""

@@ -129,6 +129,19 @@ def test_its_gain_is_told_where_feedback_is_little_of_the_command(stage, clean, 
     assert all("0.8 times the stated gain" in f.mend for f in found.faults)
 
 
+@pytest.mark.parametrize(("moved", "said"), [(0.0, True), (6.0, False)])
+def test_a_machine_that_never_moved_tells_nothing(stage, clean, moved, said):  # type: ignore[no-untyped-def]
+    """y is its sensor's noise: a stage that friction held was a hardening spring, explained with 0.87."""
+    noise = stage.machine.sensor_noise
+    assert noise > 0.0
+    y = noise * np.random.default_rng(3).standard_normal(len(clean))
+    y += moved * noise * np.sin(0.01 * np.arange(len(clean)))
+    found = soundness(replace(stage, controller=None), [_with(clean, y=y)])
+    assert ["unmoved"] * said == [f.kind for f in found.faults]
+    both = soundness(replace(stage, controller=None), [_with(clean, y=y), clean])
+    assert not both.faults  # another recording tells
+
+
 def test_fault_ends_the_diagnosis(stage, clean):  # type: ignore[no-untyped-def]
     answer = diagnose(stage, [_with(clean, u=-clean.u)]).answer()
     assert answer["verdict"] == "inconclusive"
