@@ -102,7 +102,7 @@ def test_who_leaves_more_by_stated_numbers_too_is_turned_down(scene_and_held):  
 def test_a_rival_that_only_judging_recordings_speak_against_is_tried_with_stated_numbers(
     scene_and_held, two_masses
 ):  # type: ignore[no-untyped-def]
-    """A disturbance, and a fit that has spoilt the mode beside it: ahead in both with the mode as stated."""
+    """A disturbance beside a mode that the fit has spoilt: with that as stated it is ahead in both."""
     scene, held, model = scene_and_held
     wave = EffectSpec("periodic_disturbance", {"frequency": 7.0, "amplitude": 0.05, "phase": 0.3})
     machine = SimulatedMachine(replace(two_masses, effects=(wave,)))
