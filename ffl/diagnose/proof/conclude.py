@@ -45,6 +45,7 @@ LOGGED = (
     "a u that was logged as much before y looks the same where no controller is stated: see that both "
     "columns have one clock"
 )
+STRAIGHT = 1e-6  # of a formula's largest value: what is off by less is a proportion
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 
 
@@ -234,12 +235,33 @@ def _remarks(
             "mass, damping and stiffness are off by one and the same share: one number says as much, the "
             f"gain of the drive, {100.0 * gain:+.3g} %"
         )
+    if said.verdict == "unnamed" and (lead := ahead(stands.contest)) is not None:
+        yield (
+            f"y is {1e3 * lead:.3g} ms ({lead / model.sample_time:.2g} samples) ahead of what the model "
+            "makes of u, whatever the motion: the columns were read at other moments of a sample, or u "
+            "behind a filter; move y by so much, or take it out of the delay in the plant file"
+        )
     lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
     if said.verdict == "nothing_missing" and lowered and not moved:
         yield (
             "the numbers of the linear part were moved together, none by three of its standard errors: "
             "what they lower the error to is augmented.toml's"
         )
+
+
+def ahead(contest: Contest) -> float | None:
+    """By how many seconds y is early, where one map in proportion to the speed at the sensor is all that
+    is found: to first order y(t + lead) = y + lead dy/dt."""
+    winner = contest.winner
+    if winner is None or len(winner.parts) != 1 or contest.variables != ("velocity",):
+        return None
+    said = contest.formulas[0] if contest.formulas else None
+    if winner.parts[0].place.port != "output" or said is None or said.grid is None:
+        return None
+    assert said.values is not None  # over the grid
+    lead = float(said.values @ said.grid) / float(said.grid @ said.grid)
+    straight = np.abs(said.values - lead * said.grid).max() <= STRAIGHT * np.abs(said.values).max()
+    return lead if straight and lead > 0.0 else None
 
 
 def within_a_turn(model: Model) -> Model:
