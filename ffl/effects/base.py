@@ -232,8 +232,9 @@ class Effect:
 
     @property
     def bends(self) -> bool:
-        """Whether it makes of each command another one, whatever was before."""
-        return self.port == "command" and tuple(self.depends_on) == ("command",)
+        """Whether it makes of each command another one, by that and the commands before it alone, and at
+        once: what is late depends on the time."""
+        return self.port == "command" and set(self.depends_on) <= {"command", "history"}
 
     @property
     def remembers_command(self) -> bool:

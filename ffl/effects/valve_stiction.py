@@ -13,6 +13,9 @@ from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 KINDS = ("jump", "play")
+# Bands that are looked at first: each opens another set of jumps, and one 1.4 % off did a quarter less, and
+# less than a play of a third of it.
+BANDS = 600
 
 
 @njit(cache=True)
@@ -69,7 +72,7 @@ class ValveStiction(Effect):
         return [command]
 
     def grid(self, motion: Motion) -> list[dict[str, Any]]:
-        bands = np.ptp(motion.u) * np.geomspace(3e-3, 0.3, 150) if len(motion.u) else ()
+        bands = np.ptp(motion.u) * np.geomspace(3e-3, 0.3, BANDS) if len(motion.u) else ()
         return [{"band": float(band), "kind": kind} for band in bands if band > 0 for kind in KINDS]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:

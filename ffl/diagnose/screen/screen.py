@@ -38,6 +38,7 @@ from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.effects.drift import SETTLES
+from ffl.effects.leading import keeps_command
 from ffl.errors import InputError
 from ffl.recordings.units import turn_in
 from ffl.systems.plant import EffectSpec
@@ -82,8 +83,7 @@ BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels
 LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
 # What a scale adds by its place, or holds back: a speed has none, and its integral begins anew every time.
 OF_A_SCALE = frozenset({"encoder_ripple", "backlash"})
-# Of a mass, which lags in a row do not have.
-INERTIAL = frozenset({"flexible_mode", "mass_change", "preloaded_spring"})
+INERTIAL = frozenset({"flexible_mode", "mass_change", "preloaded_spring"})  # lags have no mass
 
 
 Tables = dict[tuple[tuple[str, float], ...], Array]  # columns of one effect by what shapes them
@@ -186,20 +186,22 @@ class Screen:
 
     # --- motion ----------------------------------------------------------------------------------
 
-    def motions(self, place: Place) -> list[Motion]:
-        """Motion at the place; forces are held over a sample, so theirs is mid-sample."""
+    def motions(self, place: Place, effect: Effect | None = None) -> list[Motion]:
+        """Motion at the place, of a force mid-sample: it is held over one. What keeps a command has it as
+        recorded, as its model does."""
         side = "sensor" if place.port == "output" else place.side
-        key = (f"{place.port == 'force'}{side}", place.mass_ratio)
+        sent = effect is not None and keeps_command(effect)
+        key = (f"{place.port == 'force'}{sent}{side}", place.mass_ratio)
         if key not in self._motions:
             trials = (self.along or self.scene).trials
-            self._motions[key] = [self._motion(trial, place) for trial in trials]
+            self._motions[key] = [self._motion(trial, place, sent) for trial in trials]
         return self._motions[key]
 
-    def _motion(self, trial: Trial, place: Place) -> Motion:
+    def _motion(self, trial: Trial, place: Place, sent: bool) -> Motion:
         key = ("sensor" if place.port == "output" else place.side, place.mass_ratio)
         run = self.model.simulate(trial, watch=[key])
         motion = run.motion(*key)
-        if self.along is not None and np.all(np.isfinite(trial.u)):
+        if (sent or self.along is not None) and np.all(np.isfinite(trial.u)):
             motion = replace(motion, u=trial.u)
         if place.port == "output" and self.model.simulator.mechanics.place is not None:
             return replace(motion, x=run.y)  # a sensor of speed acts on the speed
@@ -271,7 +273,7 @@ class Screen:
         left there for other views of the same motion."""
         from ffl.diagnose.screen.scan import periods
 
-        motions = self.motions(place)
+        motions = self.motions(place, effect)
         if effect.scan:
             grid: Sequence[Mapping[str, float]] = periods(self, effect, place)
         else:
@@ -283,6 +285,8 @@ class Screen:
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             if not gain > 0.0:  # nor where a column is no number
                 continue
+            if effect.fixed_amount and keeps_command(effect):  # it is there as it is
+                gain *= 1.0 - (1.0 - 1.0 / coefficients[0]) ** 2
             worth = gain - PER_COLUMN * columns.shape[1]
             at = nonlinear.get(effect.valleys, 0.0)
             rival = tops.get(at)
@@ -312,7 +316,7 @@ class Screen:
         return self._table(EFFECTS[c.spec.name], c.place, c.nonlinear)
 
     def _table(self, effect: Effect, place: Place, nonlinear: Mapping[str, float]) -> Array:
-        motions = self.motions(place)
+        motions = self.motions(place, effect)
         if place.port == "flow":
             columns = self._simulated(EffectSpec(effect.name, nonlinear, place.options))
         else:

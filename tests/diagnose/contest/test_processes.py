@@ -20,7 +20,7 @@ from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
 from ffl.recordings.sampling import examine_time
 from ffl.systems import Controller, Plant
-from ffl.systems.plant import EffectSpec, Physics
+from ffl.systems.plant import EffectSpec, Imperfections, Physics
 from ffl.systems.zpk import Zpk
 
 
@@ -167,6 +167,40 @@ def test_a_valve_that_sticks():
     assert (answer["verdict"], found["name"]) == ("explained", "valve_stiction")
     assert found["parameters"]["band"]["value"] == pytest.approx(3.0, rel=0.03)
     assert found["parameters"]["band"].get("std_error") is None
+
+
+def test_a_valve_that_sticks_within_its_loop():
+    """A run of the loop by itself soon jumps at other moments; the command as recorded tells its band."""
+    rng = np.random.default_rng(8)
+    step, band = 0.5, 1.0
+    system = Zpk([-0.98], np.exp([-step / 6.0, -step / 20.0]), 2.0e-3 / 1.98, step)
+    pi = Zpk([0.98], [1.0], 1.5, step)
+    noise = Imperfections(sensor_noise=0.02, force_noise=0.05)
+    plant = Plant(
+        "level", system, Controller.of_error(pi), input_unit="%", output_unit="%", machine=noise
+    )
+    a, b, c, _ = scipy.signal.zpk2ss(system.zeros, system.poles, system.gain)
+    made = []
+    for n in (3000, 2400):
+        waves = rng.uniform(90.0, 300.0, 3)  # seconds
+        r = sum(3.0 * np.sin(2 * np.pi * step * np.arange(n) / period) for period in waves)
+        x, at, before = np.zeros((2, 1)), 0.0, (0.0, 0.0)
+        y, u = np.zeros(n), np.zeros(n)
+        for k in range(n):
+            y[k] = (c @ x).item() + 0.02 * rng.standard_normal()
+            error = r[k] - y[k]
+            u[k] = before[1] + 1.5 * (error - 0.98 * before[0])
+            before = error, u[k]
+            at = u[k] if abs(u[k] - at) > band else at
+            x = a @ x + b * (at + 0.05 * rng.standard_normal())
+        t = step * np.arange(n)
+        made.append(
+            Recording(t=t, r=r, f=0.0 * r, u=u, y=y, d=None, sample_time=step, source="made here")
+        )
+    answer = diagnose(plant, made[:1], made[1:]).answer()
+    (found,) = answer["effects"]
+    assert (answer["verdict"], found["name"]) == ("explained", "valve_stiction")
+    assert found["parameters"]["band"]["value"] == pytest.approx(band, rel=0.01)
 
 
 def _rest(simulator: Simulator, force: float) -> np.ndarray:
