@@ -68,13 +68,11 @@ def spoken_against(
     that judge, the likeliest with stated numbers: what a fit with them has made of the linear part may
     be all that these object to. (A disturbance of 0.83 N in noise as large, on a stage with a spring: 416
     fitted and -351 held out beside 41 % less mass and five times the damping, of which the moves that were
-    fitted hardly tell; with stated numbers 408 and 367.)"""
+    fitted hardly tell; with stated numbers 413 and 335.) All in the noise of the round, `quiet`."""
     brought = [r for r in rivals if charged(r, base) > threshold and r.held_out < base.held_out]
     asked = sorted(brought, key=lambda r: -r.fitted)[:TRIED]
     stated = [other for r in asked if (other := restrained(held, r)) is not r]
-    return [
-        judge(quiet, held, s.model, ROUNDS, s.fit) for s in stated
-    ]  # in the noise of this round
+    return [judge(quiet, held, s.model, ROUNDS, s.fit) for s in stated]
 
 
 def restrained(held: Scene | None, judged: Judged) -> Judged:

@@ -21,9 +21,8 @@ from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 from ffl.systems.zpk import Zpk
 
-BY_COMMAND = frozenset(
-    {"command", "history", "time"}
-)  # what an effect of the drive alone depends on
+# What an effect of the drive alone depends on.
+BY_COMMAND = frozenset({"command", "history", "time"})
 # Forces along the motion: where a machine is and how fast it goes, a little noise does not matter.
 ALONG = frozenset(
     {"cogging", "hardening_spring", "preloaded_spring", "gravity_torque", "hysteresis",

@@ -82,12 +82,14 @@ def injected_as_sent(
 
 
 def _unmoved(plant: Plant, recording: Recording) -> bool:
-    """y shows nothing but the noise that is stated of its sensor. (A stage that friction held, at rest for
-    6 s: a hardening spring, explained with 0.87.)"""
+    """y shows nothing but the noise that is stated of its sensor, from one sample to the next as much as
+    over all: what is smooth moved, and the noise is stated too large. (A stage that friction held, at rest
+    for 6 s: a hardening spring, explained with 0.87.)"""
     machine, y = plant.machine, recording.y
     noise = float(np.hypot(machine.sensor_noise, machine.encoder_resolution / np.sqrt(12.0)))
     most = 2.0 * noise * (np.sqrt(2.0 * np.log(len(y))) + 1.0)
-    return 0.0 < float(np.std(y)) < STILL * noise and float(np.ptp(y)) < most
+    white = float(np.std(y)) < float(np.std(np.diff(y)))
+    return white and float(np.std(y)) < STILL * noise and float(np.ptp(y)) < most
 
 
 def _at_rest(recordings: Sequence[Recording]) -> Fault:

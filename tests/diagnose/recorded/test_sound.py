@@ -138,6 +138,9 @@ def test_a_machine_that_never_moved_tells_nothing(stage, clean, moved, said):  #
     y += moved * noise * np.sin(0.01 * np.arange(len(clean)))
     found = soundness(replace(stage, controller=None), [_with(clean, y=y)])
     assert ["unmoved"] * said == [f.kind for f in found.faults]
+    large = replace(stage.machine, sensor_noise=2.0 * float(np.std(clean.y)))  # a unit mistaken
+    smooth = replace(stage, controller=None, machine=large)
+    assert not soundness(smooth, [_with(clean, y=0.5 * clean.y)]).faults
     both = soundness(replace(stage, controller=None), [_with(clean, y=y), clean])
     assert not both.faults  # another recording tells
 
