@@ -66,7 +66,7 @@ def spoken_against(
 ) -> list[Judged]:
     """Of the `rivals` of `base` that bring the fitted recordings what one more effect must and cost those
     that judge, the likeliest with stated numbers: what a fit with them has made of the linear part may
-    be all that these object to. (A disturbance of 0.83 N in noise as large, on a stage with a spring: 416
+    be all that these object to. (A disturbance of 0.83 V in noise as large, on a stage with a spring: 416
     fitted and -351 held out beside 41 % less mass and five times the damping, of which the moves that were
     fitted hardly tell; with stated numbers 413 and 335.) All in the noise of the round, `quiet`."""
     brought = [r for r in rivals if charged(r, base) > threshold and r.held_out < base.held_out]
