@@ -1,4 +1,4 @@
-"""Which effects on the command come before all others, and which keep one."""
+"""Which effects on the command come before all others."""
 
 from __future__ import annotations
 
@@ -13,9 +13,3 @@ def leading(effects: Iterable[tuple[Effect, Parameters]]) -> int:
     comes first wherever it is named: what is late is late alike before a limit and behind it."""
     acting = (e for e, values in effects if e.port == "command" and e.order(values) >= 0)
     return sum(1 for _ in itertools.takewhile(lambda effect: effect.bends, acting))
-
-
-def keeps_command(effect: Effect) -> bool:
-    """Whether it makes something of the commands before: of those recorded exactly that, of another loop's
-    soon something else."""
-    return effect.bends and effect.remembers_command

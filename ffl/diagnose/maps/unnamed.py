@@ -59,6 +59,12 @@ class Question:
     before: list[Array]
     left: list[Array]
 
+    @property
+    def seen(self) -> bool:
+        """Whether what stands was seen directly in the recording. (A clipped output under loud noise has a
+        rounder mean than its limit, and a map that draws it is no discovery.)"""
+        return bool({e.name for e in self.standing.effects} & self.standing.proven)
+
 
 @dataclass(frozen=True)
 class Gained:
@@ -114,11 +120,8 @@ def compare(
         gains = Gained(*gains_of(scene, held, standing, nominal, alone))
     if not named:
         return _or_nothing(asked, alone, gains, heard, rng)
-    # What was seen directly in the recording stands; maps may come beside it. (A clipped output under
-    # loud noise has a rounder mean than its limit, and a map that draws it is no discovery.)
-    seen = bool({e.name for e in standing.effects} & standing.proven)
     bare = maps[0].free.model if maps else nominal
-    return _or_named(asked, bare, None if seen else alone, gains, heard, rng)
+    return _or_named(asked, bare, None if asked.seen else alone, gains, heard, rng)
 
 
 def _commands_lost(asked: Question) -> Contest | None:
@@ -161,10 +164,10 @@ def _or_named(
     heard: Heard,
     rng: Generator,
 ) -> Contest:
-    """Where effects stand by name: these, maps in their place, or both; `bare`: the linear model that the
-    maps were tried beside."""
+    """Where effects stand by name: these, maps in their place, or both. What was seen directly stands, maps
+    come beside it; `bare`: the linear model that the maps were tried beside."""
     scene, held, nominal, standing = asked.scene, asked.held, asked.nominal, asked.standing
-    bursts, seen = heard.bursts, bool({e.name for e in standing.effects} & standing.proven)
+    bursts = heard.bursts
     if alone and _simpler(standing, alone, gains):
         return _unnamed(asked, alone, gains, rng)
     winning = alone is not None and _wins(scene, standing, alone, gains)
@@ -173,7 +176,7 @@ def _or_named(
     only = [p.term.name for p in alone.parts] if alone and winning else []
     maps = free_form(scene, held, standing, names=only)
     beside = maps[-1] if maps and maps[-1].parts else None
-    if beside and not alone and not seen:
+    if beside and not alone and not asked.seen:
         alone = left_alone(beside, nominal)
         if alone:
             gains = Gained(*gains_of(scene, held, standing, nominal, alone))

@@ -18,6 +18,7 @@ from typing import Self, TypeVar
 import numpy as np
 
 from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, surprise
 from ffl.diagnose.hypothesis.model import Model
@@ -71,17 +72,25 @@ class Foretold:
 
     def columns(self, trials: Sequence[Trial], white: Array, fixed: Collection[int] = ()) -> Array:
         """Derivatives of the scaled prediction `white` by theta, (N, p); none by what is `fixed`."""
-        theta = self.theta
-        found = np.zeros((len(white), len(theta)))
-        for k, step in enumerate(self.steps):
-            if k in fixed:
-                continue
-            moved = theta.copy()
-            moved[k] += step
-            there = self.at(moved).predict(trials)
-            if there is not None:
-                found[:, k] = (white - there[0]) / step
+        found = np.zeros((len(white), len(self.theta)))
+        for k, step, there in self.stepped(trials, fixed):
+            found[:, k] = (white - there[0]) / step
         return found
+
+    def stepped(
+        self, trials: Sequence[Trial], fixed: Collection[int] = ()
+    ) -> list[tuple[int, float, tuple[Array, Array]]]:
+        """(coordinate, its step, what is predicted one step on) for all that are not `fixed`, but for what
+        is no plant there."""
+        moves = [(k, step) for k, step in enumerate(self.steps) if k not in fixed]
+
+        def moved(move: tuple[int, float]) -> tuple[Array, Array] | None:
+            theta = self.theta
+            theta[move[0]] += move[1]
+            return self.at(theta).predict(trials)
+
+        found = each(moved, moves)
+        return [(*m, there) for m, there in zip(moves, found, strict=True) if there is not None]
 
     def linearised(  # type: ignore[no-untyped-def]
         self,

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.linear import BOUND
@@ -97,7 +98,7 @@ class Hypothesis(Foretold):
                 return None
             if switching is None:
                 return None
-            pairs = [switching.predict(self._seen(trial), self.noise) for trial in trials]
+            pairs = each(lambda trial: switching.predict(self._seen(trial), self.noise), trials)
             e, s = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
             white = e / s
             return (white, np.log(s)) if np.all(np.isfinite(white)) else None

@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
+from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.hypothesis.linear import corrected
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.noise import Noise
@@ -315,7 +316,7 @@ class Slip(Foretold):
             if slipping is None:
                 return None
             seen = [without(trial, others) if others else trial for trial in trials]
-            parts = [slipping.predict(trial, self.noise, self.parts) for trial in seen]
+            parts = each(lambda trial: slipping.predict(trial, self.noise, self.parts), seen)
         except (InputError, np.linalg.LinAlgError):  # numbers that no machine has
             return None
         e, s, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -339,18 +340,11 @@ class Slip(Foretold):
 
     def _changes(self, trials, found, fixed):  # type: ignore[no-untyped-def]
         """(derivatives of e, in units of s, and of log s by theta)."""
-        theta = self.theta
-        moved, scales = (np.zeros((len(found[0]), len(theta))) for _ in range(2))
-        for k, step in enumerate(self.steps):
-            if k in fixed:
-                continue
-            other = theta.copy()
-            other[k] += step
-            there = self.at(other).predict(trials)
-            if there is not None:
-                ratio = np.exp(there[1] - found[1])
-                moved[:, k] = (there[0] * ratio - found[0]) / step
-                scales[:, k] = (there[1] - found[1]) / step
+        moved, scales = (np.zeros((len(found[0]), len(self.theta))) for _ in range(2))
+        for k, step, there in self.stepped(trials, fixed):
+            ratio = np.exp(there[1] - found[1])
+            moved[:, k] = (there[0] * ratio - found[0]) / step
+            scales[:, k] = (there[1] - found[1]) / step
         return moved, scales
 
 

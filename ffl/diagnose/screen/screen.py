@@ -38,7 +38,6 @@ from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.effects.drift import SETTLES
-from ffl.effects.leading import keeps_command
 from ffl.errors import InputError
 from ffl.recordings.units import turn_in
 from ffl.systems.plant import EffectSpec
@@ -187,10 +186,10 @@ class Screen:
     # --- motion ----------------------------------------------------------------------------------
 
     def motions(self, place: Place, effect: Effect | None = None) -> list[Motion]:
-        """Motion at the place, of a force mid-sample: it is held over one. What keeps a command has it as
+        """Motion at the place, of a force mid-sample: it is held over one. What bends a command has it as
         recorded, as its model does."""
         side = "sensor" if place.port == "output" else place.side
-        sent = effect is not None and keeps_command(effect)
+        sent = effect is not None and effect.bends
         key = (f"{place.port == 'force'}{sent}{side}", place.mass_ratio)
         if key not in self._motions:
             trials = (self.along or self.scene).trials
@@ -285,7 +284,7 @@ class Screen:
             gain, coefficients = self.gain(columns, effect.name in POSITIVE)
             if not gain > 0.0:  # nor where a column is no number
                 continue
-            if effect.fixed_amount and keeps_command(effect):  # it is there as it is
+            if effect.fixed_amount:  # it is there as it is
                 gain *= 1.0 - (1.0 - 1.0 / coefficients[0]) ** 2
             worth = gain - PER_COLUMN * columns.shape[1]
             at = nonlinear.get(effect.valleys, 0.0)

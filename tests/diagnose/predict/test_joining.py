@@ -36,6 +36,30 @@ def test_who_may_join_is_asked_again_where_settling_alone_brought_much(
     assert company.found is (late if joins else whole)
 
 
+@pytest.mark.parametrize(
+    ("gain", "judged", "joins"),
+    [
+        pytest.param(30.0, 5.0, False, id="neither to first order nor where it judges"),
+        pytest.param(30.0, 120.0, True, id="the recording that judges says so too"),
+        pytest.param(400.0, 5.0, True, id="to first order it brings as much"),
+    ],
+)
+def test_one_contact_that_falls_better_is_nobody_who_joins(monkeypatch, gain, judged, joins):
+    """400 ahead; what judges is as long, and should say so."""
+    alone = told(("backlash",), 0.0, 0.0)
+    hum = told(("periodic_disturbance", "backlash"), 400.0 + 8.0, judged)
+
+    def ranked(company, *_):  # type: ignore[no-untyped-def]
+        return [joining._Way(hum, ("fitted",), gain)] if company.found is alone else []
+
+    monkeypatch.setattr(joining, "_ranked", ranked)
+    monkeypatch.setattr(joining, "in_step", lambda found, trials, first: trials)
+    company = joining.joined(
+        Company(alone, ("fitted",), judging=("judging",)), None, able, lambda point, trials: point
+    )
+    assert company.found is (hum if joins else alone)
+
+
 def clocked_by(right):  # type: ignore[no-untyped-def]
     """Told of a settling of 0.8 s and a sine of 2 Hz, and what it foretells of a clock."""
     effects = (

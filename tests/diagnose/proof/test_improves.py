@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.proof.prove import Proof, _interval, nrmse
+from ffl.diagnose.proof.rules import idle
 
 
 @pytest.mark.parametrize(
@@ -18,6 +19,21 @@ from ffl.diagnose.proof.prove import Proof, _interval, nrmse
 def test_what_is_nearer_in_y_or_in_u_is_nearer(y, u, improves):
     proof = Proof(("held.csv",), *y, 0.001, *u, None, (0.0, 0.0), ())
     assert proof.improves is improves
+
+
+@pytest.mark.parametrize(
+    ("after", "high", "u", "none"),
+    [
+        pytest.param(0.19, 0.01, (0.6, 0.59), True, id="five times the noise, and no surer"),
+        pytest.param(0.19, 0.01, (None, None), True, id="no command to go by"),
+        pytest.param(0.19, -0.001, (0.6, 0.59), False, id="surely a little nearer"),
+        pytest.param(0.19, 0.01, (0.6, 0.3), False, id="feedback hides it in y"),
+        pytest.param(0.09, 0.01, (0.6, 0.59), False, id="within what noise may leave"),
+    ],
+)
+def test_names_that_bring_held_out_runs_no_nearer_are_no_share_of_it(after, high, u, none):
+    proof = Proof(("held.csv",), 0.2, after, 0.04, *u, None, (-0.01, high), ())
+    assert idle(proof) is none
 
 
 def test_the_interval_of_the_change_is_about_the_change():
