@@ -66,8 +66,9 @@ def missing_findings(recording: Recording) -> list[Finding]:
             "samples_missing",
             "recording",
             f"r and y jump together between two samples, by {by:.4g} at {t[first]:.6g} s"
-            f"{f' and {more} more times' if more else ''}: samples are missing there and the time was "
-            "counted on; give the time stamps as they were taken, or cut the recording there",
+            f"{f' and {more} more times' if more else ''}: samples are missing there, and perhaps where r "
+            "hardly moves, and the time was counted on; give the time stamps as they were taken, or cut "
+            "the recording there",
             "fault",
             times,
             float(len(found)),

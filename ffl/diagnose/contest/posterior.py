@@ -14,6 +14,9 @@ from ffl.diagnose.contest.judging import Judged
 TEMPER = 4.0  # scores are log-likelihoods of models that are all a little wrong
 ELSE = 0.03  # probability that it is none of the rivals tried
 ELSE_IF_MORE_IS_LEFT = 0.14  # the same where structure is left that no name explains
+ELSE_IF_FAR = (
+    0.4  # the same where free runs leave far more than noise: of eight such names four were right
+)
 FAR = 8.0  # times what noise can make: of eight names that left ten times and more two were right
 ELSE_IF_MOST_IS_LEFT = 0.6  # the same there
 
@@ -35,9 +38,12 @@ def probabilities(
     return {n: w / total for n, w in weights.items()}
 
 
-def none_of_them(complete: bool, loud: float) -> float:
+def none_of_them(complete: bool, loud: float, far: bool = False) -> float:
     """Probability that a name and all its rivals are wrong; `complete`: nothing is left but noise, `loud`:
-    the noise that is left over what the plant file's can be at most."""
+    the noise that is left over what the plant file's can be at most, `far`: held-out free runs leave far
+    more than noise."""
     if complete:
         return ELSE
-    return ELSE_IF_MOST_IS_LEFT if loud > FAR else ELSE_IF_MORE_IS_LEFT
+    if loud > FAR:
+        return ELSE_IF_MOST_IS_LEFT
+    return ELSE_IF_FAR if far else ELSE_IF_MORE_IS_LEFT

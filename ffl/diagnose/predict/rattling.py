@@ -71,7 +71,10 @@ QUIET = 2  # levels spared where what is left is no louder than stated noise
 DAMPERS = (0.03, 0.1, 0.2, 0.4)  # of the command: what a damper on one side of a play may take
 CLEAR = 60.0  # log-likelihood, fitted and held out, over what the contest came to
 ROUGH = 25.0  # log-likelihood by which moments of contact make it so
-BEHIND = 1000.0  # log-likelihood by which no play that is still to be fitted has been
+BEHIND = 1000.0  # log-likelihood by which a play that is still to be fitted may be
+# The same, of what its gap brings beside the same company. (Beside a drift that was begun with as a load
+# 0.16, and right; beside liquid that sloshed 0.41, and nothing came of it.)
+HOPE = 0.25
 COMPANY = 0.5  # of what a gap brings: it may be behind by, as long as nobody else is beside it
 HELD = tuple(0.125 * k for k in range(1, 13))  # of the mean command: a load to begin with
 ZONES = tuple(0.125 * k for k in range(1, 9))  # of its width: a dead zone beside such a load
@@ -118,7 +121,8 @@ def with_rattling(
     begun, levels = started(scene, told, named, sines, levels, GRIDS if loud else 1)
     if begun is None or (not loud and begun.scaled(scene.trials)[0] < standing.fitted):
         return outcome
-    if behind(begun, scene, standing, BEHIND) or not brings(begun, scene):
+    hope = max(BEHIND, HOPE * beyond_prediction(begun, scene)[0])
+    if behind(begun, scene, standing, hope) or not brings(begun, scene):
         return outcome
     found = settled(begun, scene, levels)
     brought = beyond_prediction(found, scene)[0]

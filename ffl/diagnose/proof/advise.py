@@ -43,6 +43,7 @@ SHRINKS = 6  # halvings of an experiment whose command leaves the range seen
 ROOM = 1.05  # of the range of the command seen
 DRIFTS = 1e-12  # of the largest singular value of a plant: the least of one that integrates
 DOUBT = 0.03  # probability of a rival from which it is worth an experiment
+MANY = 100.0  # times: by how much more a standard error falls nobody can foretell
 SHARPER = 1.1  # fold: an experiment that takes no more off a standard error is not worth its run
 SHARP = 0.05  # relative standard error above which a parameter is worth an experiment
 UNSEEN = 1e60  # spread that stands for infinite: of numbers that the data do not see at all
@@ -68,9 +69,12 @@ class Experiment:
     def advice(self) -> str:
         a, b = self.rivals
         if not b:
+            fold = f"{self.separation:.3g}-fold"
+            if self.separation > MANY:  # as good as unknown until then
+                fold = f"more than {MANY:.0f}-fold"
             return (
                 f"to sharpen {a}: run {self.text} (experiment.csv); its standard error is expected to "
-                f"fall {self.separation:.3g}-fold"
+                f"fall {fold}"
             )
         if self.separation < 1.0:
             return (

@@ -161,7 +161,7 @@ def conclude(
     advice = _advice(said.verdict, place, experiment, model)
     findings: tuple[Finding, ...] = ()
     if said.verdict != "unnamed" and not said.nothing_claimed:
-        elsewhere = none_of_them(said.verdict == "explained", ended.loud)
+        elsewhere = none_of_them(said.verdict == "explained", ended.loud, ended.far)
         findings = tuple(finding(standing, k, outcome, model, elsewhere) for k in said.told)
     seen = stands.named and standing.model.effects
     return Diagnosis(

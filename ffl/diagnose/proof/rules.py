@@ -60,6 +60,12 @@ class Ended:
         """The plant file states no noise at all, and free runs are all there is to judge by."""
         return self.trusted and not self.plant.machine.states_noise
 
+    @property
+    def far(self) -> bool:
+        """Free runs of the held-out recordings leave far more than noise."""
+        proof = self.proof
+        return self.trusted and proof.nrmse_after > BEYOND * proof.noise_floor > 0.0
+
     @cached_property
     def loud(self) -> float:
         """What is left over the most that the stated noise can be; 0 where none is stated."""
@@ -157,10 +163,13 @@ def _by_prediction(ended: Ended, said: Said) -> Said:
 
 
 def _no_worse(ended: Ended, said: Said) -> Said:
-    """Names that do not hold on the held-out recordings are not said, but for what was seen directly."""
+    """Names that do not hold on held-out recordings are not said, but for what was seen directly. (A limit
+    in noise, which opens the loop: 117 likelier, its free runs 1.3 times as far off as without it, and 1.05
+    times as far as noise as loud as stated parts two of them.)"""
     model, proof = ended.standing.model, ended.proof
     noisy = WORSE if ended.plant.machine.states_noise else 1.0
-    worse = ended.trusted and not proof.nrmse_after < noisy * proof.nrmse_before
+    within = WORSE * proof.noise_floor if 0.0 < ended.loud <= LOUDER else 0.0
+    worse = ended.trusted and not proof.nrmse_after < max(noisy * proof.nrmse_before, within)
     worse = worse or parted(ended.standing, proof) or (not ended.contest.led and idle(proof))
     if not (model.effects and worse) or said.verdict == "unnamed":
         return said
