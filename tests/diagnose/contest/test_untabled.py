@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest.judging import judge
-from ffl.diagnose.contest.untabled import untabled
+from ffl.diagnose.contest.untabled import _yielding, untabled
 from ffl.systems.plant import EffectSpec
 
 PLACES = np.linspace(-0.005, 0.055, 7)
@@ -46,3 +46,12 @@ def test_alone_it_is_left(stage, record, scenes):  # type: ignore[no-untyped-def
     scene, held, model = scenes(record(replace(stage, effects=(BOTH_WAYS,))))
     standing = judge(scene, held, model.with_effect(BOTH_WAYS), 2)
     assert untabled(scene, held, standing, lambda line: None) is None
+
+
+def test_a_table_that_yields_may_be_a_contact_of_its_mean_level():
+    table = {"grid": [0.0, 0.1], "positive": [20.0, 22.0], "negative": [14.0, 16.0]}
+    rigid = EffectSpec("position_dependent_friction", {"level": 18.0, "table": table})
+    assert _yielding(rigid) is None
+    spec = _yielding(replace(rigid, parameters={**rigid.parameters, "stiffness": 9e4}))
+    assert spec.name == "presliding_friction"
+    assert spec.parameters == {"level": 18.0, "stiffness": 9e4, "micro_damping": 0.0}

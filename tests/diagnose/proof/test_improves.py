@@ -1,10 +1,13 @@
 """What was named explains nothing where held-out runs are no nearer for it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ffl.diagnose.proof.prove import Proof, _interval, nrmse
-from ffl.diagnose.proof.rules import idle
+from ffl.diagnose.proof.rules import Said, _no_worse, idle
+from ffl.diagnose.recorded.where import Place
 
 
 @pytest.mark.parametrize(
@@ -34,6 +37,29 @@ def test_what_is_nearer_in_y_or_in_u_is_nearer(y, u, improves):
 def test_names_that_bring_held_out_runs_no_nearer_are_no_share_of_it(after, high, u, none):
     proof = Proof(("held.csv",), 0.2, after, 0.04, *u, None, (-0.01, high), ())
     assert idle(proof) is none
+
+
+@pytest.mark.parametrize(
+    ("after", "loud", "verdict"),
+    [
+        pytest.param(
+            0.0022, 1.1, "explained", id="as noise as loud as stated parts two of its runs"
+        ),
+        pytest.param(0.0022, 2.0, "inconclusive", id="by louder noise than stated"),
+        pytest.param(0.0022, 0.0, "inconclusive", id="no noise is stated"),
+        pytest.param(0.0027, 1.1, "inconclusive", id="further than noise parts them"),
+    ],
+)
+def test_names_hold_whose_free_runs_part_as_noise_has_them(after, loud, verdict):
+    proof = Proof(("held.csv",), 0.00167, after, 0.0021, 0.14, 0.17, 0.156, (0.0, 0.001), ())
+    model = SimpleNamespace(effects=[SimpleNamespace(name="saturation")], proven=frozenset())
+    ended = SimpleNamespace(
+        standing=SimpleNamespace(model=model, predicted=False),
+        contest=SimpleNamespace(led=False, winner=None),
+        plant=SimpleNamespace(machine=SimpleNamespace(states_noise=loud > 0.0)),
+        proof=proof, loud=loud, trusted=True,
+    )  # fmt: skip
+    assert _no_worse(ended, Said("explained", Place("", "", ()))).verdict == verdict
 
 
 def test_the_interval_of_the_change_is_about_the_change():
