@@ -176,7 +176,7 @@ def _no_worse(ended: Ended, said: Said) -> Said:
     if {spec.name for spec in model.effects} <= model.proven:
         return replace(said, verdict="partly_explained")
     word, place = refuted(ended.contest)
-    return replace(said, verdict=word, place=place)
+    return replace(said, verdict=word, place=place, notes=())  # all were of the names
 
 
 def _better(ended: Ended, said: Said) -> Said:

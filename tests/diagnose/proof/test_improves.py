@@ -59,7 +59,9 @@ def test_names_hold_whose_free_runs_part_as_noise_has_them(after, loud, verdict)
         plant=SimpleNamespace(machine=SimpleNamespace(states_noise=loud > 0.0)),
         proof=proof, loud=loud, trusted=True,
     )  # fmt: skip
-    assert _no_worse(ended, Said("explained", Place("", "", ()))).verdict == verdict
+    said = _no_worse(ended, Said("explained", Place("", "", ()), notes=("there is a limit",)))
+    assert said.verdict == verdict
+    assert bool(said.notes) is (verdict == "explained")  # nothing is said of names that are not
 
 
 def test_the_interval_of_the_change_is_about_the_change():
