@@ -14,9 +14,8 @@ from ffl.diagnose.contest.judging import Judged
 TEMPER = 4.0  # scores are log-likelihoods of models that are all a little wrong
 ELSE = 0.03  # probability that it is none of the rivals tried
 ELSE_IF_MORE_IS_LEFT = 0.14  # the same where structure is left that no name explains
-ELSE_IF_FAR = (
-    0.4  # the same where free runs leave far more than noise: of eight such names four were right
-)
+# The same where free runs leave far more than noise: of eight such names four were right.
+ELSE_IF_FAR = 0.4
 FAR = 8.0  # times what noise can make: of eight names that left ten times and more two were right
 ELSE_IF_MOST_IS_LEFT = 0.6  # the same there
 

@@ -94,8 +94,9 @@ def joined(
         found = settled(found, trials)  # what settling alone brings is not credited to who joins
         least = max(LEAST, WORTH * sum(map(len, trials)))
         ahead = charged(best, on) - charged(found, trials)
-        brings = ahead - lost_to(found, best, company.judging) >= least
-        brings = brings and not _hollow(ahead, way, best, found, company.judging)
+        judged = _judged(found, best, company.judging)
+        brings = ahead - max(-judged, 0.0) >= least
+        brings = brings and not _hollow(ahead, way, judged, company.judging)
         if not brings and not _confirmed(ahead, best, found, company.judging):
             settled_alone = charged(found, trials) - charged(company.found, trials)
             company, again = replace(company, found=found), again - 1
@@ -143,27 +144,30 @@ def _confirmed(ahead: float, more: Told, less: Told, judging: Sequence[Trial]) -
     return more.worth(judging) - less.worth(judging) > BOTH
 
 
-def _hollow(
-    ahead: float, way: _Way[Told], more: Told, less: Told, judging: Sequence[Trial]
-) -> bool:
-    """Whether neither what `more` does to first order nor the recordings that judge say why it is `ahead`
-    of `less`: then one moment of contact is, that happens to fall better. (A sine of 387 Hz beside a play
-    on a printer: 369 ahead, to first order 16, and 9 of 70 that were its share in what judged.)"""
+def _hollow(ahead: float, way: _Way[Told], judged: float, judging: Sequence[Trial]) -> bool:
+    """Whether neither what a way does to first order nor what is `judged` of it says why it is `ahead`:
+    then one moment of contact is, that happens to fall better. (A sine of 387 Hz beside a play on a
+    printer: 369 ahead, to first order 16, and 9 of 205 that were its share in what judged.)"""
     if not judging or 0.5 * way.gain > HOLLOW * ahead:
         return False
-    some, none = (told.worth(in_step(told, judging, 0)) for told in (more, less))
     share = sum(map(len, judging)) / sum(map(len, way.trials))
-    return some - none < HOLLOW * ahead * share
+    return judged < HOLLOW * ahead * share
+
+
+def _judged(less: Told, more: Told, judging: Sequence[Trial]) -> float:
+    """By what `more` is ahead of `less` in the recordings that judge, each on the clocks that suit it; 0
+    where there are none."""
+    if not judging:
+        return 0.0
+    none, some = (told.worth(in_step(told, judging, 0)) for told in (less, more))
+    return some - none
 
 
 def lost_to(less: Told, more: Told, judging: Sequence[Trial]) -> float:
     """By what `more` is behind `less` in the recordings that judge, 0 at least, which who joins must bring
     as well. (Beside friction and a play, where the likelihood is rough by a thousand, a gain by position
     that was not there: 275 ahead in what was fitted, 353 behind in what was not.)"""
-    if not judging:
-        return 0.0
-    pair = [told.worth(in_step(told, judging, 0)) for told in (less, more)]
-    return max(pair[0] - pair[1], 0.0)
+    return max(-_judged(less, more, judging), 0.0)
 
 
 def proven(company: Company[Told], settled: Settled[Told]) -> Company[Told]:

@@ -63,8 +63,7 @@ class Ended:
     @property
     def far(self) -> bool:
         """Free runs of the held-out recordings leave far more than noise."""
-        proof = self.proof
-        return self.trusted and proof.nrmse_after > BEYOND * proof.noise_floor > 0.0
+        return self.trusted and beyond_noise(self.proof)
 
     @cached_property
     def loud(self) -> float:
@@ -238,11 +237,15 @@ def parted(standing: Judged, proof: Proof) -> bool:
     return told and proof.nrmse_after > PARTED * proof.nrmse_before
 
 
+def beyond_noise(proof: Proof) -> bool:
+    """Held-out runs are far from what noise alone leaves."""
+    return proof.nrmse_after > BEYOND * proof.noise_floor > 0.0
+
+
 def idle(proof: Proof) -> bool:
     """Held-out runs are far from what noise alone leaves, and surely nearer neither in y nor in u: what was
     named is no share of the mismatch. (Liquid that sloshed: a mode of 40 % and a sine, 5.2 times
     the noise with them as without; a belt that slipped: 15 % less mass and a play, 7.5 times.)"""
-    near = proof.nrmse_after <= BEYOND * proof.noise_floor or proof.interval[1] < 0.0
     before, after = proof.u_nrmse_before, proof.u_nrmse_after
     sent = before is not None and after is not None and after < NEARER * before
-    return not near and not sent and proof.noise_floor > 0.0
+    return beyond_noise(proof) and proof.interval[1] >= 0.0 and not sent
