@@ -1,7 +1,8 @@
-"""A small stage and a campaign on it, written to a folder of the test."""
+"""A small stage and a campaign on it, written to a folder of the test; modules that take long go first."""
 
 import os
 import textwrap
+from collections import Counter
 
 import pytest
 
@@ -77,3 +78,17 @@ def write_campaign(tmp_path):
         return path
 
     return write
+
+
+def pytest_collection_modifyitems(items):
+    """Modules in the order of the seconds that their `slow` tests state: processes that share out modules
+    wait for one another at the end, where a long one should not begin."""
+    stated = {
+        (item.path, item.originalname): mark.args[0]
+        for item in items
+        for mark in item.iter_markers("slow")
+    }
+    seconds = Counter()
+    for (path, _), some in stated.items():
+        seconds[path] += some
+    items.sort(key=lambda item: -seconds[item.path])

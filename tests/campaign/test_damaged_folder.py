@@ -120,6 +120,7 @@ def test_missing_signals_are_said_with_the_mend(folder, line, command):
     assert execute(list(command)) == 0
 
 
+@pytest.mark.slow(20)
 @pytest.mark.parametrize("command", [EXPORT, ("report", "done"), RESUME, ("rerun", "done")])
 def test_cut_signals_are_said_with_the_mend(folder, line, command):
     path = folder / "fir.h5"

@@ -31,6 +31,7 @@ def test_sizes_are_drawn_from_the_ranges_of_real_printers():
     assert draw_effects(3, 180.0, 0.3) == drawn[3]
 
 
+@pytest.mark.slow(40)
 def test_linear_learning_stalls_far_above_its_promise(told):
     assert last(told.linear) > 50 * last(told.linear_promised)
 
@@ -51,7 +52,7 @@ def test_calibration_finds_the_numbers_given_a_fifth_off(told):
             assert abs(found.parameters[key] - value) < width
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_a_wrong_diagnosis_brings_less():
     """Nothing is found: the linear part alone is calibrated."""
     campaign = load_campaign(CAMPAIGN)
@@ -66,7 +67,7 @@ def test_a_wrong_diagnosis_brings_less():
     assert told.drop < 0.6
 
 
-@pytest.mark.slow
+@pytest.mark.slow(70)
 def test_friction_cable_and_cogging_are_named_from_the_scans():
     effects = draw_effects(0, 180.0, 0.3)
     told = story(load_campaign(CAMPAIGN), effects, 0, diagnosed, before=8, after=3, courses=1)

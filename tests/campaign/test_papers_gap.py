@@ -13,7 +13,7 @@ def reduction(case):
     return 1 - obf / fir, 1 - repeated / strong
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_friction_alone_takes_the_promise_away():
     promised, measured = reduction("nothing"), reduction("friction")
     assert promised[0] > 0.9

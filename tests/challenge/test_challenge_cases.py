@@ -81,7 +81,7 @@ def test_concealments_are_what_they_say(tmp_path):
     assert 0.05 <= abs(change) <= 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_an_oracle_cannot_tell_lag_from_delay_in_noise_but_friction_from_viscous(tmp_path):
     lag = make_case(102, "actuator_lag", "rigid", "noise", out_dir=tmp_path, oracle=True)
     assert lag["effects"][0]["rivals"]["input_delay"] < 25

@@ -26,6 +26,7 @@ def stage(monkeypatch):
     return setup, [Part("constant_load", "motor", 3, 1.0)], scales, noise
 
 
+@pytest.mark.slow(20)
 def test_it_is_what_fits_of_noisy_runs_add(stage):
     setup, parts, scales, noise = stage
     lens = Lens(setup)

@@ -132,6 +132,7 @@ def test_numbers_are_printed_with_their_errors(coulomb, capsys):  # type: ignore
     assert "note: nothing judged" in said
 
 
+@pytest.mark.slow(20)
 def test_cogging_is_told_with_its_harmonic_and_nothing_else(stage, record):  # type: ignore[no-untyped-def]
     """A second harmonic is no ripple of the scale; a lighter machine does not stretch the period."""
     true = {"amplitude": 3.0, "period": 0.0213, "phase": 0.4, "amplitude_2": 0.8, "phase_2": 1.1}

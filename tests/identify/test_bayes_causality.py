@@ -39,6 +39,7 @@ def test_the_forward_system_of_the_answer_is_causal_and_the_errors_cover(seed):
     assert found.result_.remarks == ()
 
 
+@pytest.mark.slow(20)
 def test_the_errors_cover_where_the_zero_is_slow():
     """1.08, slower than the decays that six taps can show: the prior must know of slower ones."""
     numerator = 0.8 * np.poly([1.08, 0.4])

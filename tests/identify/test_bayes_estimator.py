@@ -209,7 +209,7 @@ def test_one_data_set_is_a_table_without_standard_errors():
     assert all("std_error" not in row for row in rows if row["key"] in METHODS)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_workers_and_order_change_nothing(table):
     other = table_one([1, 0], fast=True, jobs=2)
     for method, fits in table.fits.items():

@@ -133,7 +133,7 @@ def test_jobs_must_be_positive():
         paper.reproduce(fast=True, jobs=0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_numbers_do_not_depend_on_the_number_of_workers(result, monkeypatch):
     monkeypatch.setattr(paper, "FAST_REALISATIONS", 24)
     two = paper.reproduce(fast=True, jobs=2)

@@ -337,7 +337,7 @@ def test_same_data_same_result():
     np.testing.assert_array_equal(first.state_space.a, second.state_space.a)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_a_hundred_thousand_samples_in_seconds():
     import time
 

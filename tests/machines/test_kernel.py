@@ -33,7 +33,7 @@ def test_a_new_combination_does_not_recompile_the_kernel():
     assert len(kernel.run_loop.signatures) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_a_second_process_reads_the_compiled_kernel():
     code = (
         "from ffl.machines import Simulator, kernel; from ffl.systems.plant import EffectSpec; "

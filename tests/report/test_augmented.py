@@ -51,6 +51,7 @@ def augmented(tmp_path):
     return path, plant
 
 
+@pytest.mark.slow(20)
 def test_a_campaign_runs_with_it_as_model_and_machine(augmented, tmp_path, capfd):
     campaign = tmp_path / "campaign.toml"
     campaign.write_text(CAMPAIGN)

@@ -13,6 +13,7 @@ from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import EffectSpec, Imperfections
 
 
+@pytest.mark.slow(40)
 @pytest.mark.parametrize(
     ("reach", "unit", "turn"),
     [(1.2, "rad", 2.0 * np.pi), (69.0, "deg", 360.0), (0.1, "rad", 2.0 * np.pi), (1.2, "m", None)],
@@ -58,7 +59,7 @@ def joint() -> Plant:
     )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.slow(70)
 def test_gravity_and_friction_hide_one_another_where_no_noise_is_stated():
     """Alone gravity leaves 1,000 times what both leave, and all that is left passes for noise of the
     drive; along the measured motion a limit and a dead zone as wide explained it better still."""

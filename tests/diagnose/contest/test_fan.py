@@ -51,6 +51,7 @@ def runs(fan):  # type: ignore[no-untyped-def]
     ]
 
 
+@pytest.mark.slow(40)
 def test_noise_is_heard_anew_beside_who_took_a_place(fan, runs):  # type: ignore[no-untyped-def]
     found = diagnose(fan, runs[:1], runs[1:], rng=np.random.default_rng(0))
     numbers = {effect.name: effect.parameters for effect in found.findings}
@@ -60,6 +61,7 @@ def test_noise_is_heard_anew_beside_who_took_a_place(fan, runs):  # type: ignore
     assert found.verdict == "explained"
 
 
+@pytest.mark.slow(40)
 def test_friction_that_leaves_next_to_nothing_is_louder_than_any_noise(fan, runs):  # type: ignore[no-untyped-def]
     alone = replace(fan, controller=None)
     found = diagnose(alone, runs[:1], runs[1:], rng=np.random.default_rng(0))

@@ -18,6 +18,7 @@ SPRING = EffectSpec("linear_stiffness", {"stiffness": 60.0, "centre": 0.012})
 FRICTION = EffectSpec("coulomb_friction", {"level": 1.0})
 
 
+@pytest.mark.slow(50)
 @pytest.mark.parametrize("hidden", [(PRELOAD,), (SPRING,), (PRELOAD, FRICTION)])
 def test_a_preload_is_named_where_there_is_one(stage, references, hidden):  # type: ignore[no-untyped-def]
     machine = SimulatedMachine(replace(stage, effects=hidden))

@@ -262,6 +262,7 @@ def test_the_variables_of_what_is_left_follow_from_its_loud_states():
     assert goes_with(found) == ("position", "command")
 
 
+@pytest.mark.slow(20)
 def test_a_tank_behind_a_lag_and_under_a_sensor_that_clips():
     """Both are named, with a gain that was off by two thirds and nothing mechanical in their place."""
     step, rng = 4.0, np.random.default_rng(5)

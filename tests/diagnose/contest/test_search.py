@@ -27,6 +27,7 @@ HUM = EffectSpec("periodic_disturbance", {"amplitude": 6.0, "frequency": 17.0, "
 SPRING = EffectSpec("hardening_spring", {"cubic_coefficient": 4e4, "centre": 0.02})
 
 
+@pytest.mark.slow(30)
 def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monkeypatch):
     machine = replace(stage, effects=(FRICTION, SPRING))
     scene, held, model = scenes(record(machine))
@@ -96,6 +97,7 @@ def friction_and_spring(model):
     return set(found)
 
 
+@pytest.mark.slow(20)
 def test_company_that_loses_one_as_the_tables_are_let_in_gives_everyone_another_say(
     stage, record, scenes, monkeypatch
 ):
@@ -286,6 +288,7 @@ def test_noise_louder_than_all_that_is_left_counts_for_as_much_less(
     assert unrest.louder_than_noise(base, [rival]) == ([rival] if kept else [])
 
 
+@pytest.mark.slow(30)
 def test_who_dropped_out_makes_room(stage, record, scenes, monkeypatch):
     """A set of two, one of which the company of the other makes superfluous, of two that may join. The way
     there hangs on a processor's rounding: it may lead over a Stribeck curve that ends flat, which is the

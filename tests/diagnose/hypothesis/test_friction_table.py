@@ -49,7 +49,7 @@ def test_a_wall_at_the_end_of_the_travel_must_be_worth_it(stage):  # type: ignor
     assert paid(6e5) > paid(6.0) + 25.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(300)
 def test_emps_friction_concealed():  # type: ignore[no-untyped-def]
     """The documented numbers, 20.39 N, 203.5 N s/m, 95.11 kg, from the mass and the servo law alone;
     the documented friction leaves 1.96 um of servo error in the second file."""

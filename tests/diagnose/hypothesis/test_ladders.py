@@ -152,6 +152,7 @@ def test_an_identified_spring_gives_way_to_what_holds_beside_it(name):
     assert relieved(Model(Base.of(soft), {}, (spec,))) is None  # softer than the hysteresis
 
 
+@pytest.mark.slow(30)
 def test_a_hysteresis_as_stiff_as_the_spring_is_named_beside_an_identified_model():
     """It was called a cogging, with 0.97: the best start of the hysteresis was next to none of it."""
     built = replace(oscillator(5e4), effects=(LOOP,), machine=Imperfections(0.0, 8e-6, 0.0, None))

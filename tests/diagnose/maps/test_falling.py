@@ -47,6 +47,7 @@ def answered(stage, references):  # type: ignore[no-untyped-def]
     return of
 
 
+@pytest.mark.slow(30)
 @pytest.mark.usefixtures("no_play_sought")
 def test_a_limit_that_falls_with_speed_is_unnamed_and_told_by_its_law(answered) -> None:  # type: ignore[no-untyped-def]
     answer = answered(lambda speed: 1.9 - 1.4 * speed)

@@ -79,6 +79,7 @@ def test_a_brake_that_lets_go_is_seen_along_the_motion(spring):  # type: ignore[
     np.testing.assert_allclose(drawn, brake(at), rtol=0.1)
 
 
+@pytest.mark.slow(30)
 @pytest.mark.usefixtures("no_play_sought")
 def test_the_answer_says_that_free_runs_part(spring, monkeypatch):  # type: ignore[no-untyped-def]
     runs = [run(1, brake), run(2, brake)]

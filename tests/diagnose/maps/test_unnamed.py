@@ -65,6 +65,7 @@ def stopped(stage, references):  # type: ignore[no-untyped-def]
     return diagnose(stage, [fitted], [judging])
 
 
+@pytest.mark.slow(40)
 def test_a_rubber_stop_is_unnamed_with_its_variable_and_formula(stopped):  # type: ignore[no-untyped-def]
     answer = stopped.answer()
     assert answer["verdict"] == "unnamed"

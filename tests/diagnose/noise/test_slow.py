@@ -34,7 +34,7 @@ def shaken(stage, references, effects, seed):  # type: ignore[no-untyped-def]
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_slow_noise_of_an_unknown_loop_is_no_physics(stage, references, seed):  # type: ignore[no-untyped-def]
     fit, judge = shaken(stage, references, (), seed)

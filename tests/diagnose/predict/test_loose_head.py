@@ -104,6 +104,7 @@ def test_forces_along_the_motion_are_taken_where_the_machine_is(seen, spec):
     assert np.array_equal(at, aside) == (spec is HUM)
 
 
+@pytest.mark.slow(40)
 def test_a_play_is_named_with_who_is_missing_beside_it(seen):
     scene, held, model = seen(LATE, PLAY)
     standing = judge(scene, held, model, 4)

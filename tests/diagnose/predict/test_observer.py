@@ -135,6 +135,7 @@ def test_a_machine_with_a_mode_that_misses_nothing_is_told_so(bridge):
     assert told["mode_1_frequency"] == pytest.approx(0.016, abs=0.002)
 
 
+@pytest.mark.slow(30)
 def test_friction_is_named_though_stiction_held_the_machine_before(axis, recorded):
     """At rest the motor may hold anything up to stiction: here 900 N m off the load."""
     u = recorded.u.copy()

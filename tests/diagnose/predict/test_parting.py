@@ -91,6 +91,7 @@ def test_of_one_that_sticks_the_observer_is_the_sharper(spring, stuck):
     assert gains[1] > gains[0] + 500.0
 
 
+@pytest.mark.slow(110)
 @pytest.mark.usefixtures("no_play_sought")
 def test_what_sticks_is_named_once_led(spring, record):
     stuck = record(STICKS, samples=2200)

@@ -183,6 +183,7 @@ def test_neither_noise_nor_friction_is_foretold_better_by_a_play(plant, effects)
         assert settled(begun, scene, levels).scaled(scene.trials)[0] < nothing.fitted + 10.0
 
 
+@pytest.mark.slow(20)
 def test_a_rattling_loop_is_diagnosed(plant, rattling):
     found = diagnose(plant, rattling[:1], rattling[1:]).answer()
     assert found["verdict"] in ("explained", "partly_explained")
@@ -447,6 +448,7 @@ def test_a_play_is_begun_with_another_mass_where_no_derivative_leads(plant, worn
     assert found.worth(scene.trials) > right.at(theta).worth(scene.trials) + 100.0
 
 
+@pytest.mark.slow(20)
 @pytest.mark.parametrize("slow", [0.6, None])
 def test_a_force_that_settles_is_no_constant_one(rigid, slow):
     """Seconds after the start they are the same."""

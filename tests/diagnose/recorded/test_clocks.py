@@ -11,6 +11,7 @@ from ffl.machines import SimulatedMachine
 from ffl.systems.plant import EffectSpec
 
 
+@pytest.mark.slow(20)
 @pytest.mark.usefixtures("no_play_sought")
 def test_a_drift_that_only_the_first_recording_shows_from_its_beginning_is_named(stage, references):
     """The machine warms up in the first recording and is warm in the others; every clock begins at 0."""

@@ -75,6 +75,7 @@ def test_each_piece_begins_where_the_machine_stood_with_the_controller_as_it_was
         assert np.std(trial.u - run.u) < 0.1 * DRY
 
 
+@pytest.mark.slow(30)
 def test_friction_is_named_and_nothing_else(axis, recorded):
     fit, judging = recorded(EffectSpec("coulomb_friction", {"level": DRY}))
     stated = replace(axis, machine=Imperfections())
