@@ -47,6 +47,7 @@ from ffl.diagnose.recorded.signs import unfolded
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import commanded, prepared
 from ffl.diagnose.result import Diagnosis
+from ffl.diagnose.time_base import off_clock
 from ffl.diagnose.transmission.transmission import transmission
 from ffl.errors import InputError
 from ffl.recordings import Recording
@@ -174,6 +175,8 @@ def _named(
             say("fitting what was named to all samples")
             standing, held = _on_all_samples(ground, standing, held)
         standing, outcome = _looked_at_again(held, standing, outcome)
+    if stated.controller is None and (fault := off_clock(ground, standing, say)):
+        return faulty(stated, replace(health, faults=(fault,)))
     held = with_starts(held.like(standing.scene), standing.model)
     nominal, own = ground.nominal, held.trials
     if ground.learned_anew:

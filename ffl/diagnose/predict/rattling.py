@@ -31,7 +31,7 @@ from ffl.diagnose.noise.noise import GUESSED, Noise, partly_coloured
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.predict.balance import humming
 from ffl.diagnose.predict.dry_forms import formed, plainly
-from ffl.diagnose.predict.foretold import Told, refitted
+from ffl.diagnose.predict.foretold import Foretold, Told, refitted
 from ffl.diagnose.predict.joining import (
     Company,
     charged,
@@ -263,7 +263,7 @@ def beyond_prediction(found: Hypothesis, fitted: Scene, *others: Scene) -> list[
     return [found.scaled(g.trials)[0] - bare.scaled(g.trials)[0] for g in (fitted, *others)]
 
 
-def behind(found: Hypothesis, scene: Scene, standing: Judged, by: float = 0.0) -> bool:
+def behind(found: Foretold, scene: Scene, standing: Judged, by: float = 0.0) -> bool:
     """Whether the play foretells less than what stands already, `by` more than that: before it is fitted it
     may by a little, after that company will not bring it ahead. (Five that came to stand were 65 behind to
     9,520 ahead before, and 2,969 to 18,859 ahead after; on a motor that cogs, beside a coarse converter and

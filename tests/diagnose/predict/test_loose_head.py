@@ -19,6 +19,7 @@ from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, pr
 from ffl.diagnose.predict.loose_head import (
     able,
     claimed,
+    hopeless,
     regapped,
     rescanned,
     spared,
@@ -198,6 +199,18 @@ def test_a_play_is_spared_where_what_was_named_foretells_better_and_no_play_besi
     assert not spared(
         Slip(replace(told, effects=(PLAY,)), NOISE), scene, replace(told, effects=(SPRING,))
     )
+
+
+def test_a_play_far_behind_is_not_gone_on_with(seen):  # type: ignore[no-untyped-def]
+    """One that is there may be behind by a quarter of what its gap brings, others by no more than 1,000."""
+    tiny = replace(PLAY, parameters={"gap": 1e-9})
+    for there, begun, less, says in [(SPRING, tiny, 900.0, False), (SPRING, tiny, 1100.0, True),
+                                     (PLAY, PLAY, 1100.0, False)]:  # fmt: skip
+        scene, held, told = seen(there)
+        play = Slip(told.with_effect(begun), NOISE)
+        standing = judge(scene, held, told)
+        standing = replace(standing, fitted=play.scaled(scene.trials)[0] + less)
+        assert hopeless(play, scene, standing) is says
 
 
 @pytest.mark.parametrize(("error", "says"), [(0.4, False), (0.6, True), (1.5, True)])

@@ -1,0 +1,229 @@
+"""Columns that are not of one clock, beside physics that the model leaves out, where no controller's
+equation tells.
+
+A command that was stamped k samples late is told by what the model makes of it (`recorded.early`) unless
+friction hides it: then nothing that is named leaves only noise, and no shift does. Both together do. So
+with every shift, and with every rate of one column's clock against the other's, the model is fitted anew,
+alone and beside the dry friction, load or damper that balances the forces then. The sum of squares
+falls as a parabola on the way to the true one, (k - k_0)^2, to the noise. (5 samples, and 0.15 %, each
+beside Coulomb friction: 1,688 and 1,014 times the stated noise as recorded, 2.3 and 0.2 there; both
+were a friction of half its size and dampers that nobody had.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ffl.diagnose.contest.judging import Judged
+from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.ground import Ground
+from ffl.diagnose.hypothesis.fit import fit
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.hypothesis.places import of_the_machine
+from ffl.diagnose.predict.balance import rubbing
+from ffl.diagnose.recorded.against_controller import Fault
+from ffl.diagnose.recorded.equation import SHIFTS
+from ffl.diagnose.recorded.trials import stretches
+from ffl.recordings import Recording
+
+LOUD = 4.0  # times the stated noise, in the mean square: what is left must be more
+CLEAR = 0.1  # of what is left as recorded, by what stands and by any friction: at most, once moved
+CONFIRMED = 0.3  # the same of recordings that judge
+FALLS = 0.98  # of what is left: a first step that leaves more leads nowhere
+LONGEST = 20_000  # samples looked at
+OVERLAP = 0.5  # of the shortest piece: the columns lie beside one another for as much at least
+TURNS = 4  # of the search for a shift and for a rate
+RATE = 0.02  # a clock that is further off is another sample time
+FINEST = 0.25  # of a sample, at the end of a recording: a rate is looked for as closely
+KINDS = frozenset({"asymmetric_friction", "constant_load", "viscous_friction"})
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """u so many samples late, and y's clock so much faster than u's (relative)."""
+
+    late: int = 0
+    rate: float = 0.0
+
+    def undone(self, recording: Recording, origins: Mapping[str, float]) -> Recording:
+        """The recording on one clock: y as it was when u was sent. Both began at its origin, by source: a
+        piece is off by as much as went before."""
+        r = recording
+        if self.rate:
+            each = np.arange(len(r))
+            at = each + self.rate * (each + (r.t[0] - origins[r.source]) / r.sample_time)
+            within = np.flatnonzero((at >= 0.0) & (at <= each[-1]))
+            y = CubicSpline(each, r.y)(at[within])
+            shown = np.array_equal(r.r, r.y)  # an observer's reference is y
+            r = r[int(within[0]) : int(within[-1]) + 1]
+            r = replace(r, y=y, r=y if shown else r.r)
+        if self.late:
+            n, k = len(r), self.late
+            sent = r[max(k, 0) : n + min(k, 0)]
+            seen = r[max(-k, 0) : n - max(k, 0)]
+            r = replace(seen, u=sent.u, f=sent.f)
+        return r
+
+
+def off_clock(
+    ground: Ground, standing: Judged, say: Callable[[str], None] = lambda line: None
+) -> Fault | None:
+    """u late against y, or on another clock, where that with a friction leaves a tenth at most of what all
+    that stands, or any friction, leaves of the recordings as they are; None otherwise."""
+    scene = replace(ground.scene, noise=ground.prior)
+    if scene.plain or ground.seen.folded or ground.told.acting:
+        return None
+    stands = scene.residuals(standing.model)
+    most = np.inf if stands is None else _square(scene, stands)
+    if most < LOUD:
+        return None
+    say("more is left than noise: are the columns of one clock?")
+    fitted = stretches(ground.recordings, LONGEST)
+    origins, longest = _origins([*ground.recordings, *ground.validation])
+
+    @cache
+    def left(clock: _Clock) -> tuple[float, Model]:
+        """(mean square of what the best leaves on that clock, the best)."""
+        if abs(clock.late) + abs(clock.rate) * longest > OVERLAP * min(map(len, fitted)):
+            return np.inf, ground.told
+        moved = ground.trials([clock.undone(r, origins) for r in fitted])
+        on = replace(scene, trials=moved)
+        found = [fit(on, model) for model in _models(ground.told, on)]
+        best = min(found, key=lambda f: f.cost)
+        return best.cost / len(best.white), best.model
+
+    def of(clock: _Clock) -> float:
+        return left(clock)[0]
+
+    best, most_late = _Clock(), min(SHIFTS, min(map(len, fitted)) // 4)
+    for _ in range(TURNS):
+        begun = best
+        ways = (1, -1) if begun.rate else (1,)
+        later = [_late(of, begun, most_late, way) for way in ways]
+        faster = [_off(of, begun, longest, pivot) for pivot in (0.0, 0.5)]
+        best = min((begun, *later, *faster), key=of)
+        if best == begun:
+            break
+    physics = _late(of, _Clock(), most_late, -1)  # a delay, which a rate does in part
+    if of(best) > CLEAR * min(of(physics), most) or not _told(best, longest):
+        return None
+    if not _confirmed(ground, scene, best, origins, left(_Clock())[1], left(best)[1]):
+        return None
+    return Fault(
+        fitted[0].source,
+        "shift",
+        "the time base",
+        _said(best, ground.seen.model.sample_time, longest),
+    )
+
+
+def _models(told: Model, scene: Scene) -> list[Model]:
+    """The model alone, and beside each of what balances the forces of the scene's recordings."""
+    rubs = [force for force in rubbing(scene.trials, told) if force.name in KINDS]
+    places = of_the_machine(told)
+    beside = [told.with_effect(replace(f, options=p.options)) for f in rubs for p in places]
+    return [told, *beside]
+
+
+def _late(left: Callable[[_Clock], float], begun: _Clock, most: int, way: int) -> _Clock:
+    """The shift at the bottom of the valley that goes down one `way` from `begun`: by twice as many samples
+    as long as that helps, then back by half."""
+
+    def by(k: int) -> _Clock:
+        return replace(begun, late=begun.late + k)
+
+    if left(by(way)) > FALLS * left(begun):
+        return begun
+    at = way
+    while abs(2 * at) <= most and left(by(2 * at)) < left(by(at)):
+        at *= 2
+    step = abs(at) // 2
+    while step:
+        near = [k for k in (at - step, at, at + step) if abs(k) <= most]
+        best = min(near, key=lambda k: left(by(k)))
+        at, step = best, (step // 2 if best == at else step)
+    return by(at)
+
+
+def _off(left: Callable[[_Clock], float], begun: _Clock, samples: float, pivot: float) -> _Clock:
+    """The rate there, from one sample at the end of the longest recording on, in the same way; columns stay
+    as they lie at the `pivot`, a share of it."""
+
+    def by(rate: float) -> _Clock:
+        return _Clock(begun.late + round(pivot * rate * samples), begun.rate + rate)
+
+    first = min((1.0 / samples, -1.0 / samples), key=lambda rate: left(by(rate)))
+    if left(by(first)) > FALLS * left(begun):
+        return begun
+    at = first
+    while abs(2.0 * at) <= RATE and left(by(2.0 * at)) < left(by(at)):
+        at *= 2.0
+    step = 0.5 * abs(at)
+    while step * samples >= FINEST:
+        best = min((at - step, at, at + step), key=lambda rate: left(by(rate)))
+        at, step = best, (0.5 * step if best == at else step)
+    return by(at)
+
+
+def _origins(recordings: Sequence[Recording]) -> tuple[dict[str, float], float]:
+    """(when the clocks of a recording began, by source: at zero, but for times of day; samples of the
+    longest since then)."""
+    pieces: dict[str, list[Recording]] = {}
+    for r in recordings:
+        pieces.setdefault(r.source, []).append(r)
+    origins, longest = {}, 0.0
+    for source, own in pieces.items():
+        first, last = min(float(r.t[0]) for r in own), max(float(r.t[-1]) for r in own)
+        origins[source] = 0.0 if 0.0 <= first <= last - first else first
+        longest = max(longest, (last - origins[source]) / own[0].sample_time)
+    return origins, longest
+
+
+def _told(clock: _Clock, samples: float) -> bool:
+    """Late by a sample, or off by one at the end; not y late alone."""
+    return clock.late >= 1 or abs(clock.rate) * samples >= 1.0
+
+
+def _confirmed(
+    ground: Ground,
+    scene: Scene,
+    clock: _Clock,
+    origins: Mapping[str, float],
+    before: Model,
+    after: Model,
+) -> bool:
+    """Whether recordings that judge say so as well, with all numbers as fitted."""
+    judging, found = stretches(ground.validation, LONGEST), []
+    on_one = [clock.undone(r, origins) for r in judging]
+    for model, moved in ((before, judging), (after, on_one)):
+        held = replace(scene, trials=ground.trials(moved))
+        residuals = held.residuals(model)
+        found.append(np.inf if residuals is None else _square(held, residuals))
+    return found[1] <= CONFIRMED * found[0]
+
+
+def _square(scene: Scene, residuals: list[np.ndarray]) -> float:
+    return float(np.mean(scene.whiten(residuals) ** 2))
+
+
+def _said(clock: _Clock, sample_time: float, samples: float) -> str:
+    parts, mend = [], ""
+    if clock.late:
+        k, order = abs(clock.late), "before" if clock.late > 0 else "after"
+        parts.append(
+            f"y answers u {k} sample{'s'[: k > 1]} ({k * sample_time:.4g} s) {order} the model does"
+        )
+        mend = "align the columns, or take so much delay out of the plant file"
+    if clock.rate:
+        way = "fast" if clock.rate > 0 else "slow"
+        parts.append(
+            f"y's clock is {100.0 * abs(clock.rate):.2g} % {way} against u's, "
+            f"{abs(clock.rate) * samples:.0f} samples at the end"
+        )
+        mend = "record both by one clock, or resample one of them"
+    return f"{', and '.join(parts)}, whatever friction there is: {mend}"
