@@ -19,6 +19,7 @@ from ffl.diagnose.recorded.against_controller import (
     against_controller,
 )
 from ffl.diagnose.recorded.equation import Equation
+from ffl.diagnose.recorded.torn import torn
 from ffl.recordings import Recording
 from ffl.recordings.jumps import missing_findings
 from ffl.systems.plant import Plant
@@ -43,7 +44,7 @@ def soundness(plant: Plant, recordings: Sequence[Recording]) -> Soundness:
     if recordings and all(_unmoved(plant, r) for r in recordings):
         faults.append(_at_rest(recordings))
     for recording in recordings:
-        fault = _dead(recording) or _incomplete(recording)
+        fault = _dead(recording) or _incomplete(recording) or torn(plant, recording)
         if fault is None and plant.controller is not None and "u" not in recording.missing:
             eq = Equation(plant, recording)
             ratio, fault = against_controller(plant, recording, eq)
