@@ -24,6 +24,8 @@ DECAYS = 2 * np.pi * np.array([5.0, 2.0, 1.0])  # 1/s: slowest decay of the obse
 QUIET = 0.01  # of the speed: noise that an observer may take for speed
 SPAN = 0.05  # s over which the speed is read
 MOVING = 0.05  # of the peak speed: what is slower at either end is standstill
+STILL = 0.02  # of the way: it is, though it takes more than half of a recording,
+LEAST = 5  # unless what moves is less than one part in so many
 FIRM = 2.0  # most of |S|: a modulus margin of a half
 GRID, LOWEST = (
     400,
@@ -149,7 +151,9 @@ def moving(recordings: Sequence[Recording]) -> list[Recording]:
 
     An unknown controller may hold a machine at rest with any force up to stiction, which after a
     long rest is more than twice the friction of motion (KUKA, axes 2 and 3): there the balance of
-    forces, by which an observer tells friction from load, says nothing of either.
+    forces, by which an observer tells friction from load, says nothing of either. (Three axes with
+    Coulomb friction, which held them for more than half of a recording, were presliding friction with
+    stiffness in doubt by its own size, or a play beside it; plain friction of all three without that.)
     """
     out = []
     for r in recordings:
@@ -157,5 +161,7 @@ def moving(recordings: Sequence[Recording]) -> list[Recording]:
         speed = np.abs(r.y[m:] - r.y[:-m])
         fast = np.flatnonzero(speed >= MOVING * speed.max()) + m // 2
         first, last = int(fast[0]), int(fast[-1]) + 1
-        out.append(r[first:last] if last - first > len(r) // 2 else r)
+        outside = (speed[:first].sum() + speed[last:].sum()) / speed.sum()
+        cut = last - first > len(r) // (LEAST if outside < STILL else 2)
+        out.append(r[first:last] if cut else r)
     return out

@@ -61,9 +61,17 @@ def test_standstill_at_either_end_is_left_out(axis, recorded):
     assert np.array_equal(cut.y, recorded.y[np.isin(recorded.t, cut.t)])
 
 
-def test_a_recording_that_mostly_stands_still_is_left_whole(recorded):
-    long = replace(recorded, **{k: getattr(recorded, k)[: len(recorded) // 5] for k in "rfuyt"})
-    assert len(moving([long])[0]) == len(long)
+def test_a_recording_that_all_but_stands_still_is_left_whole(recorded):
+    begun = recorded[: int(np.argmax(recorded.t >= recorded.t[0] + 1.35))]
+    assert len(moving([begun])[0]) == len(begun)
+
+
+def test_standstill_that_takes_more_than_half_is_left_out_and_slow_motion_is_not(recorded):
+    waits = recorded[: len(recorded) // 5]
+    (cut,) = moving([waits])
+    assert 0.2 * len(waits) < len(cut) < 0.5 * len(waits)
+    creeps = replace(waits, y=waits.y + 0.03 * np.ptp(waits.y) * waits.t)
+    assert len(moving([creeps])[0]) == len(creeps)
 
 
 def test_the_observer_follows_what_was_measured(axis, recorded):

@@ -260,3 +260,14 @@ def test_a_sign_beside_friction_that_takes_half_of_the_command(conveyor, turned)
     found = mistakes(plant, [run])
     assert [f.kind for f in found] == (["sign"] if turned else [])
     assert all("flip y or u" in f.mend for f in found)
+
+
+@pytest.mark.parametrize(
+    ("scale", "says"), [(1000.0, "times what"), (57.29578, "times what"), (1.0, None)]
+)
+def test_a_unit_beside_friction_that_takes_half_of_the_command(conveyor, scale, says):
+    plant, run = conveyor
+    run = Recording.from_signals(0.005, u=run.u, y=scale * run.y, source="belt.csv")
+    found = mistakes(plant, [run])
+    assert [f.kind for f in found] == ([] if says is None else ["unit"])
+    assert all("friction and drag aside" in f.mend and says in f.mend for f in found)
