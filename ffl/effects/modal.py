@@ -11,6 +11,7 @@ import scipy.linalg
 from scipy.linalg.lapack import dtrsen
 
 from ffl.effects.mechanics import Mechanics, Mode
+from ffl.recordings.units import KNOWN, plain
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
@@ -51,9 +52,11 @@ def moves(plant: Plant) -> bool:
 
 def force_unit(plant: Plant) -> str:
     """What a force is in: N, or N m where the output is an angle or its rate, with the motor constant
-    known; else the unit of the command."""
-    if plant.physics.motor_constant is None:
-        return plant.input_unit or "input"
+    known; the unit of the command where that is not, or where the command is a force and it is 1 (kN)."""
+    constant, unit = plant.physics.motor_constant, plant.input_unit
+    measures = KNOWN.get(plain(unit), ("", 1.0))[0]
+    if constant is None or (constant == 1.0 and measures in ("N", "Nm")):
+        return unit or "input"
     return "N m" if TURNS.fullmatch(plant.output_unit) else "N"
 
 

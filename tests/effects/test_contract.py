@@ -230,6 +230,23 @@ def test_contribution_is_what_acts():
 
 
 @pytest.mark.parametrize(
+    ("unit", "constant", "output", "force"),
+    [
+        ("kN", 1.0, "mm", "kN"),
+        ("mN m", 1.0, "deg", "mN m"),
+        ("kN", 2.0, "mm", "N"),
+        ("V", 1.0, "m", "N"),
+        ("A", 0.5, "rad", "N m"),
+        ("A", None, "m", "A"),
+    ],
+)
+def test_a_force_is_in_the_unit_of_a_command_that_is_one(unit, constant, output, force):
+    physics = Physics(None, constant)
+    plant = Plant("x", STAGE.system, input_unit=unit, output_unit=output, physics=physics)
+    assert EFFECTS["constant_load"].parameter("force").unit_in(plant) == force
+
+
+@pytest.mark.parametrize(
     ("name", "parameters", "options", "message"),
     [
         ("coulom_friction", {"level": 1.0}, {}, "did you mean 'coulomb_friction'"),

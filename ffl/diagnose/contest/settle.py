@@ -348,18 +348,16 @@ def challengers(
     taken = excluded(company) | reserve
     if not company.base.plant.is_identified:
         taken |= CREEPING
-    wanted = [n for n in dict.fromkeys(names) if n not in taken and n != spec.name]
-    if only is not None:
-        wanted = [n for n in wanted if n in only]
-        if not wanted:
-            return []
+    asked = [n for n in dict.fromkeys(names) if only is None or n in only]
+    wanted = [n for n in asked if n not in taken and n != spec.name]
+    if only is not None and not wanted:
+        return []
     beside = fit(quiet, company, rounds=0)
     screen = as_measured(quiet, beside) or Screen(quiet, beside)
     found = screen.candidates([*wanted, spec.name])
     found.sort(key=lambda c: -(c.gain - 2 * PER_NUMBER * c.freedom))
     side = spec.options.get("side", "sensor")
     top = max((c.gain for c in found), default=0.0)
-    plain = _plainest(spec, beside) if PLAINEST in wanted else []
     chosen: list[Candidate] = []
     others: list[Candidate] = []
     seen: set[str] = set()
@@ -368,12 +366,12 @@ def challengers(
         if c.spec.name == spec.name:
             if not own and only is None:
                 others.append(c)
-        elif own and c.spec.name == PLAINEST and plain:
+        elif own and c.spec.name == PLAINEST and plain_form(spec):
             continue
         elif c.gain > 0.01 * top and (own or c.spec.name not in seen):
             (others if c.spec.name in seen else chosen).append(c)
             seen.add(c.spec.name)
-    return [*plain, *chosen, *others][:CHALLENGERS]
+    return [*_given(spec, wanted, beside), *chosen, *others][:CHALLENGERS]
 
 
 def plain_form(spec: EffectSpec) -> EffectSpec | None:
@@ -386,10 +384,17 @@ def plain_form(spec: EffectSpec) -> EffectSpec | None:
     return EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level}, options)
 
 
-def _plainest(spec: EffectSpec, like: Fit) -> list[Candidate]:
-    """The plainest form of a friction that stands, where that acts, whatever a screen promises of it:
-    without friction a loop at its limit may run away, and no column beside that says anything."""
-    plain = plain_form(spec)
-    if plain is None:
-        return []
-    return [Candidate(plain, 0.0, 1, point_of(spec), like)]
+def _contact(spec: EffectSpec) -> EffectSpec | None:
+    """The contact that a hysteresis is as stiff as. (1.4 N on 95 N/mm: no screen proposed it.)"""
+    force, way = (spec.parameters.get(name, 0.0) for name in ("force", "displacement"))
+    if spec.name != "hysteresis" or way <= 0.0:
+        return None
+    values = {"level": force, "stiffness": force / way, "micro_damping": 0.0}
+    return EffectSpec("presliding_friction", values, point_of(spec).options)
+
+
+def _given(spec: EffectSpec, wanted: Sequence[str], like: Fit) -> list[Candidate]:
+    """The plainest form of a friction and the contact that it may be, if `wanted`, where it acts, whatever
+    a screen promises: without friction a loop at its limit may run away, and no column says anything."""
+    forms = [form for form in (plain_form(spec), _contact(spec)) if form is not None]
+    return [Candidate(f, 0.0, 1, point_of(spec), like) for f in forms if f.name in wanted]

@@ -112,6 +112,26 @@ def test_plain_friction_is_tried_whatever_a_screen_sees_of_it(with_friction, mon
     assert challengers(scene, judged, 0, [], frozenset({"coulomb_friction"})) == []
 
 
+def test_the_contact_that_a_hysteresis_is_as_stiff_as_is_tried(with_friction, monkeypatch):  # type: ignore[no-untyped-def]
+    scene, _, model = with_friction
+    values = {"force": 3.0, "displacement": 2e-5, "exponent": 1.0, "beta": 0.5}
+    other = EffectSpec("hysteresis", values, {"side": "load"})
+    judged = judge(scene, None, replace(model, effects=(other,)), rounds=1)
+    found = judged.model.effects[0].parameters
+    monkeypatch.setattr(settling.Screen, "candidates", lambda *_: [])
+    begun = {c.spec.name: c.spec for c in challengers(scene, judged, 0, [], frozenset())}
+    contact = begun["presliding_friction"]
+    assert contact.options == {"side": "load"}
+    assert contact.parameters == {
+        "level": pytest.approx(found["force"]),
+        "stiffness": pytest.approx(found["force"] / found["displacement"]),
+        "micro_damping": 0.0,
+    }
+    assert "presliding_friction" not in [
+        c.spec.name for c in challengers(scene, judged, 0, [], frozenset({"presliding_friction"}))
+    ]
+
+
 RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 1e-9, "period": 4e-3, "phase": 0.0})
 
 
