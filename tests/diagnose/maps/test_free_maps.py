@@ -14,7 +14,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps import freeform
-from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost
+from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost, _proportional
 from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
 from ffl.diagnose.maps.gains import gains_of, with_the_stated_mass, within_the_line
@@ -339,3 +339,15 @@ def test_a_map_of_the_command_is_told_beside_the_mass_as_stated(stage, reference
     assert told.cost < 1.05 * alone.cost
     added = np.interp([-1.0, 1.0], grid, told.parts[0].coefficients)
     assert added == pytest.approx([0.24, 0.0], abs=0.01)
+
+
+@pytest.mark.parametrize(("gain", "told"), [(-0.11, -0.11), (-0.005, 0.0)])
+@pytest.mark.parametrize("along", ["command", "velocity"])
+def test_what_goes_in_proportion_to_the_command_is_told_beside_its_formula(along, gain, told):
+    """Mass and damping could make up for it, and are not what the map was found beside."""
+    z = np.linspace(-2.0, 2.0, 21)
+    part = SimpleNamespace(
+        term=SimpleNamespace(along=along), coefficients=0.11 * np.abs(z) + gain * z
+    )
+    slope = _proportional(part, z, 0.11 * np.abs(z), np.eye(21))  # type: ignore[arg-type]
+    assert slope == pytest.approx(told if along == "command" else 0.0, abs=1e-9)
