@@ -127,7 +127,7 @@ def _diagnose_output(
 
     if observed:
         notes.append(
-            "the controller is unknown and the plant integrates: predicted through an observer, not in "
+            "no controller is stated and the plant integrates: predicted through an observer, not in "
             "free run"
         )
         decay = decay_for(recordings)

@@ -20,6 +20,7 @@ from ffl.diagnose.maps.freemodel import FreeModel, Running
 from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.picture import MapPicture, picture
 from ffl.diagnose.maps.unnamed import compare
+from ffl.diagnose.predict.observer import needs_observer
 from ffl.diagnose.proof.advise import Experiment, plan
 from ffl.diagnose.proof.findings import finding
 from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
@@ -319,6 +320,11 @@ def _advice(
         out.append(
             "record the same move twice: what comes back is the machine, what does not is not"
         )
+        if model.controller is None and needs_observer(model):
+            out.append(
+                "if a controller held the machine, state it and record r: u beside both shows whether "
+                "the recording is what it says"
+            )
     return tuple(out)
 
 
