@@ -54,10 +54,11 @@ def force_unit(plant: Plant) -> str:
     """What a force is in: N, or N m where the output is an angle or its rate, with the motor constant
     known; the unit of the command where that is not, or where the command is a force and it is 1 (kN)."""
     constant, unit = plant.physics.motor_constant, plant.input_unit
+    turns = TURNS.fullmatch(plant.output_unit) is not None
     measures = KNOWN.get(plain(unit), ("", 1.0))[0]
-    if constant is None or (constant == 1.0 and measures in ("N", "Nm")):
+    if constant is None or (constant == 1.0 and measures == ("Nm" if turns else "N")):
         return unit or "input"
-    return "N m" if TURNS.fullmatch(plant.output_unit) else "N"
+    return "N m" if turns else "N"
 
 
 def mechanics_of(system: Zpk | StateSpace, speed: bool = False) -> Mechanics:
