@@ -270,4 +270,12 @@ def test_a_unit_beside_friction_that_takes_half_of_the_command(conveyor, scale, 
     run = Recording.from_signals(0.005, u=run.u, y=scale * run.y, source="belt.csv")
     found = mistakes(plant, [run])
     assert [f.kind for f in found] == ([] if says is None else ["unit"])
-    assert all("friction and drag aside" in f.mend and says in f.mend for f in found)
+    assert all("load aside" in f.mend and says in f.mend for f in found)
+
+
+@pytest.mark.parametrize(("scale", "says"), [(1000.0, True), (1.0, False)])
+def test_a_unit_of_what_hangs(conveyor, scale, says):
+    """The command holds 500 N up and moves it beside."""
+    plant, run = conveyor
+    hangs = Recording.from_signals(0.005, u=run.u + 500.0, y=scale * run.y, source="lift.csv")
+    assert [f.kind for f in mistakes(plant, [hangs])] == ["unit"] * says
