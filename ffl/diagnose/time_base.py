@@ -40,7 +40,6 @@ OVERLAP = 0.5  # of the shortest piece: the columns lie beside one another for a
 TURNS = 4  # of the search for a shift and for a rate
 RATE = 0.02  # a clock that is further off is another sample time
 FINEST = 0.25  # of a sample, at the end of a recording: a rate is looked for as closely
-KINDS = frozenset({"asymmetric_friction", "constant_load", "viscous_friction"})
 
 
 @dataclass(frozen=True)
@@ -124,8 +123,7 @@ def off_clock(
 
 def _models(told: Model, scene: Scene) -> list[Model]:
     """The model alone, and beside each of what balances the forces of the scene's recordings."""
-    rubs = [force for force in rubbing(scene.trials, told) if force.name in KINDS]
-    places = of_the_machine(told)
+    rubs, places = rubbing(scene.trials, told), of_the_machine(told)
     beside = [told.with_effect(replace(f, options=p.options)) for f in rubs for p in places]
     return [told, *beside]
 
