@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -39,13 +40,11 @@ from ffl.diagnose.predict.moving import bracketed, doubted, gap_at, moved, vague
 from ffl.diagnose.predict.plain_spring import untightened
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
 from ffl.diagnose.predict.rattling import (
-    BEHIND,
     BELIEVED,
     CLEAR,
-    HOPE,
-    behind,
     crossed,
     followed,
+    hopeless,
     massless,
     unexplained,
 )
@@ -88,7 +87,9 @@ def with_loose_head(
     say("a play of what is measured is looked for from sample to sample")
     scene, sines = humming(scene, told)
     begun = start(scene, told, standing.model, sines)
-    if begun is None or hopeless(begun, scene, standing) or spared(begun, scene, standing.model):
+    if begun is None or hopeless(begun, scene, standing, partial(brought, begun, scene)):
+        return outcome
+    if spared(begun, scene, standing.model):
         return outcome
     short = tuple(shortened(scene, LOOK))
     judging = tuple(shortened(held, LOOK))
@@ -184,18 +185,6 @@ def _beside(scene: Scene, told: Model, stood: Model, sines: Sequence[EffectSpec]
     return models
 
 
-def hopeless(begun: Slip, scene: Scene, standing: Judged) -> bool:
-    """Whether a play that was begun with is farther behind what `standing` says than its gap, and who is
-    missing beside it, will make up for. (Beside an eddy brake on a printer 10,430, of which a gap of
-    11.9 um brought 776; to find who was missing took minutes. Three that were there were 3,700 to 14,600
-    ahead before anybody had joined.)"""
-    if not behind(begun, scene, standing, BEHIND):
-        return False
-    trials = tuple(scene.trials)
-    brought = begun.scaled(trials)[0] - closed(begun, trials).scaled(trials)[0]
-    return behind(begun, scene, standing, HOPE * brought)
-
-
 def spared(begun: Slip, scene: Scene, stood: Model) -> bool:
     """Whether what the contest named foretells better than the play alone, and no play beside it better
     still: then no play is looked for with who else is missing."""
@@ -287,6 +276,12 @@ def closed(found: Slip, trials: tuple[Trial, ...]) -> Slip:
     sample, 970 behind it by halves of one.)"""
     bare = replace(found, model=replace(found.model, effects=found.model.effects[:-1]))
     return finer(refitted(bare, trials), trials)
+
+
+def brought(found: Slip, scene: Scene) -> float:
+    """What the play brings over the same company without it."""
+    trials = tuple(scene.trials)
+    return found.scaled(trials)[0] - closed(found, trials).scaled(trials)[0]
 
 
 def _with_gap(model: Model, gap: float, noise: Noise) -> Slip:

@@ -18,8 +18,8 @@ from ffl.diagnose.predict.company import forces_along
 from ffl.diagnose.predict.joining import Company, exchanged, in_step, joined, proven
 from ffl.diagnose.predict.loose_head import (
     able,
+    brought,
     claimed,
-    hopeless,
     regapped,
     rescanned,
     spared,
@@ -28,6 +28,7 @@ from ffl.diagnose.predict.loose_head import (
     with_loose_head,
 )
 from ffl.diagnose.predict.moving import bracketed, vague
+from ffl.diagnose.predict.rattling import hopeless
 from ffl.diagnose.predict.slipping import Slip
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -210,7 +211,8 @@ def test_a_play_far_behind_is_not_gone_on_with(seen):  # type: ignore[no-untyped
         play = Slip(told.with_effect(begun), NOISE)
         standing = judge(scene, held, told)
         standing = replace(standing, fitted=play.scaled(scene.trials)[0] + less)
-        assert hopeless(play, scene, standing) is says
+        there = brought(play, scene)
+        assert hopeless(play, scene, standing, lambda there=there: there) is says
 
 
 @pytest.mark.parametrize(("error", "says"), [(0.4, False), (0.6, True), (1.5, True)])
