@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import DRY, PLAINEST, level_of
 from ffl.diagnose.contest.judging import (
     Judged,
     credible,
@@ -19,7 +20,7 @@ from ffl.diagnose.contest.judging import (
 )
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY, KEEP, PLAINEST, level_of
+from ffl.diagnose.contest.settle import KEEP
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import hangs

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import CREEPING, DRY
 from ffl.diagnose.contest.earning import promise
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import CREEPING, DRY, KEEP
+from ffl.diagnose.contest.settle import KEEP
 from ffl.diagnose.hypothesis.model import LOAD
 from ffl.systems.plant import EffectSpec
 

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.contest.calibrate import calibrate, free_running
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.contest.judging import raw_error
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import POINT, Place, places_of

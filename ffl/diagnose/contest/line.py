@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import PLIABLE
 from ffl.diagnose.contest.earning import earns
 from ffl.diagnose.contest.evenly import TIE, about_a_centre, beside_a_load, recentred
 from ffl.diagnose.contest.judging import (
@@ -26,14 +27,7 @@ from ffl.diagnose.contest.judging import (
 )
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import (
-    KEEP,
-    PLIABLE,
-    RIVALS,
-    SUBSTITUTE,
-    challengers,
-    settle,
-)
+from ffl.diagnose.contest.settle import KEEP, RIVALS, SUBSTITUTE, challengers, settle
 from ffl.diagnose.hypothesis.amounts import (
     LINE,
     NAMES,

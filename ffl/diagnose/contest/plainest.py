@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import plain_form
 from ffl.diagnose.contest.evenly import TIE
 from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import plain_form
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 from ffl.diagnose.hypothesis.model import Model

@@ -18,6 +18,7 @@ import numpy as np
 
 from ffl.diagnose.contest.behind import behind_its_mode
 from ffl.diagnose.contest.curves import two_for_two
+from ffl.diagnose.contest.dry import DRY, PLIABLE, excluded
 from ffl.diagnose.contest.earning import UNTOLD, earns, gaining
 from ffl.diagnose.contest.forks import forks, within_the_travel
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
@@ -37,15 +38,7 @@ from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.restraint import as_far_as_told, spoken_against, worse
 from ffl.diagnose.contest.rounds import Outcome, Step, to_the_end
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import (
-    DRY,
-    KEEP,
-    PLIABLE,
-    SUBSTITUTE,
-    excluded,
-    one_for_two,
-    settle,
-)
+from ffl.diagnose.contest.settle import KEEP, SUBSTITUTE, one_for_two, settle
 from ffl.diagnose.contest.shares import shares_off
 from ffl.diagnose.contest.stated import begun_as_stated, in_their_place
 from ffl.diagnose.contest.stead import in_their_stead

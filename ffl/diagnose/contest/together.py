@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import scipy.optimize
 
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.contest.earning import earns
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene, is_far
-from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.triangle import lengths, triangle

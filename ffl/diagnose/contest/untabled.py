@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ffl.diagnose.contest.dry import excluded, level_of, plain_form
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
 from ffl.diagnose.contest.plainest import CONTACT
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import excluded, level_of, plain_form
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.ladders import with_best_start
 from ffl.diagnose.hypothesis.model import TABLE

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.optimize
 
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.contest.earning import LEAST
 from ffl.diagnose.contest.judging import Judged, judge, raw_error, raw_residuals
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.fit import fit, surprise
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.colour import loop_of, mistaken

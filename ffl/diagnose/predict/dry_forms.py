@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.settle import DRY, level_of, plain_form
+from ffl.diagnose.contest.dry import DRY, level_of, plain_form
 from ffl.diagnose.hypothesis.places import POINT
 from ffl.diagnose.predict.company import along
 from ffl.diagnose.predict.foretold import refitted

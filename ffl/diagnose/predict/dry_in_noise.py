@@ -16,21 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import CREEPING, DRY, PLIABLE, level_of, plain_form
 from ffl.diagnose.contest.earning import SHARE
 from ffl.diagnose.contest.judging import Judged, credible
 from ffl.diagnose.contest.line import crosses
 from ffl.diagnose.contest.plainest import BY_DIRECTION, CONTACT, in_the_mean, unseen
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import (
-    CREEPING,
-    DRY,
-    LITTLE,
-    PLIABLE,
-    SUBSTITUTE,
-    level_of,
-    plain_form,
-)
+from ffl.diagnose.contest.settle import LITTLE, SUBSTITUTE
 from ffl.diagnose.hypothesis.amounts import claims, sizes
 from ffl.diagnose.hypothesis.model import STIFF, Model
 from ffl.diagnose.hypothesis.places import POINT, places_of

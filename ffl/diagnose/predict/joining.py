@@ -14,9 +14,10 @@ from typing import Generic
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import CREEPING, PLIABLE, excluded
 from ffl.diagnose.contest.judging import PER_NUMBER, Judged
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import CREEPING, KEEP, PLIABLE, excluded
+from ffl.diagnose.contest.settle import KEEP
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.recorded.trials import Trial

@@ -16,13 +16,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.contest.earning import SHARE
 from ffl.diagnose.contest.evenly import of_no_mass
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import SURE
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.amounts import LINE, NAMES, claims, effect_values, netted, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, places_of

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.contest.plainest import in_the_mean
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, of_the_machine, point_of
 from ffl.diagnose.predict.balance import rubbing

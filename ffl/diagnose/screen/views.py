@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from ffl.diagnose.contest.dry import CREEPING, PLIABLE
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import CREEPING, PLIABLE
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.ladders import overlooked
 from ffl.diagnose.hypothesis.places import points_of

@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.contest import settle as settling
+from ffl.diagnose.contest.dry import PLIABLE, as_it_stands, levels_of
 from ffl.diagnose.contest.judging import between, judge
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.settle import (
-    PLIABLE,
-    as_it_stands,
-    challengers,
-    levels_of,
-    one_for_two,
-    settle,
-)
+from ffl.diagnose.contest.settle import challengers, one_for_two, settle
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.contest.judging import judge
-from ffl.diagnose.contest.settle import DRY
 from ffl.diagnose.contest.together import sets, starts, together
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.screen.candidate import with_coefficients

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_rattling import NOISE, STEP, path, plant, rigid, scene_of  # noqa: F401
 
-from ffl.diagnose.contest.settle import DRY
+from ffl.diagnose.contest.dry import DRY
 from ffl.diagnose.noise.noise import partly_coloured
 from ffl.diagnose.predict import joining
 from ffl.diagnose.predict.balance import humming, rubbing
