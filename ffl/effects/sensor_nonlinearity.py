@@ -11,20 +11,26 @@ from ffl.effects.law import MEAN
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
-KINDS = ("clipping", "rectified")
+KINDS = ("clipping", "rectified", "clipping_above", "clipping_below")
+CLIPS = frozenset(KINDS) - {"rectified"}
 BEYOND = 0.02  # of the largest y: what a level may be short of it
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
-    """p: kind (0 clipping, 1 rectified), level."""
+    """p: kind (0 clipping, 1 rectified, 2 clipping above, 3 below), level."""
     if p[0] == 0.0:
         io[MEAN] = min(max(io[MEAN], -p[1]), p[1])
-    else:
+    elif p[0] == 1.0:
         io[MEAN] = abs(io[MEAN])
+    elif p[0] == 2.0:
+        io[MEAN] = min(io[MEAN], p[1])
+    else:
+        io[MEAN] = max(io[MEAN], p[1])
 
 
 class SensorNonlinearity(Effect):
-    """kind "clipping": y clipped at +-level; "rectified": |y| (`level` is not used)."""
+    """kind "clipping": y clipped at +-level; "clipping_above", "clipping_below": at one end alone, at a
+    level of either sign; "rectified": |y| (`level` is not used)."""
 
     name = "sensor_nonlinearity"
     component = "sensor"
@@ -65,12 +71,15 @@ class SensorNonlinearity(Effect):
         )
 
     def order(self, values: Parameters) -> int:
-        return 1 if values["kind"] == "clipping" else 0
+        return 1 if values["kind"] in CLIPS else 0
 
     def passes(self, values: Parameters, seen: Array) -> Array:
         if values["kind"] == "rectified":
             return np.sign(seen)
-        return (np.abs(seen) < values["level"]).astype(float)
+        if values["kind"] == "clipping":
+            return (np.abs(seen) < values["level"]).astype(float)
+        way = 1.0 if values["kind"] == "clipping_above" else -1.0
+        return (way * seen < way * values["level"]).astype(float)
 
     def grid(self, motion: Motion) -> list[dict[str, Any]]:
         levels = np.unique(np.quantile(np.abs(motion.x), [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]))
@@ -78,10 +87,14 @@ class SensorNonlinearity(Effect):
         return [*clipping, {"kind": "rectified", "level": 0.0}]
 
     def regressors(self, motion: Motion, **nonlinear: Any) -> Array:
-        level = nonlinear["level"]
-        clipped = np.clip(motion.x, -level, level)
-        seen = np.abs(motion.x) if nonlinear["kind"] == "rectified" else clipped
-        return np.column_stack([seen - motion.x])
+        level, x = nonlinear["level"], motion.x
+        seen = {
+            "clipping": lambda: np.clip(x, -level, level),
+            "rectified": lambda: np.abs(x),
+            "clipping_above": lambda: np.minimum(x, level),
+            "clipping_below": lambda: np.maximum(x, level),
+        }[nonlinear["kind"]]()
+        return np.column_stack([seen - x])
 
     def from_coefficients(self, coefficients, nonlinear):  # type: ignore[no-untyped-def]
         return dict(nonlinear)
@@ -89,4 +102,5 @@ class SensorNonlinearity(Effect):
     def says(self, values: Parameters, plant: Plant) -> str:
         if values["kind"] == "rectified":
             return "The sensor is blind to the sign: it reads the magnitude."
-        return f"The sensor clips at {self.quantity(values, 'level', plant)}."
+        end = values["kind"].removeprefix("clipping").removeprefix("_") or "at"
+        return f"The sensor clips {end} {self.quantity(values, 'level', plant)}."

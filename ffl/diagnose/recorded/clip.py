@@ -6,7 +6,7 @@ own. A smooth curve that bends at the top fits the rest as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,14 +32,27 @@ ONCE = 20
 # Standard deviations of the sensor's noise that all of them scatter by at most: more, and each went its own
 # way. (A flow behind a sticking valve, highest for 23 and 29 samples: 1.9, and "clips" with 0.97.)
 SCATTER = 1.6
+BOTH, BELOW = "clipping", "clipping_below"
+# What is largest at each kind of limit.
+ENDS: dict[str, Callable[[Array], Array]] = {
+    BOTH: np.abs,
+    "clipping_above": np.asarray,
+    BELOW: np.negative,
+}
 
 
 def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None:
     """The clipping that an open-loop output shows by standing at one largest magnitude, the same in
-    all recordings that reach it; None where none does."""
+    all recordings that reach it, or, again and again and for long, at the end that it reaches one way; None
+    where none does. (An arm's angle ended at 24 deg, and went to -38.)"""
     if plant.controller is not None:
         return None
-    top = max(float(np.abs(r.y).max()) for r in recordings)
+    return next(filter(None, (_at_limit(plant, recordings, kind) for kind in ENDS)), None)
+
+
+def _at_limit(plant: Plant, recordings: Sequence[Recording], kind: str) -> EffectSpec | None:
+    """The limit of this kind, if y stands at one."""
+    top = max(float(ENDS[kind](r.y).max()) for r in recordings)
     resolution = plant.machine.encoder_resolution
     width = WIDE * plant.machine.sensor_noise + resolution
     noise = float(np.hypot(plant.machine.sensor_noise, 0.5 * resolution))
@@ -47,7 +60,8 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
         stood, speeds, on = [], [], []
         for r in recordings:
             if np.all(np.isfinite(r.u)):
-                for values, speed, carried in _visits(r, _without_limit(plant, r), top - wide):
+                seen = ENDS[kind](r.y)
+                for values, speed, carried in _visits(seen, _without_limit(plant, r), top - wide):
                     stood.append(values)
                     speeds.append(speed)
                     on.append(carried)
@@ -55,10 +69,13 @@ def clipping(plant: Plant, recordings: Sequence[Recording]) -> EffectSpec | None
         once = len(stood) == 1 and len(stood[0]) >= ONCE and sudden and on[0] >= SUDDEN
         lasts = sum(map(len, stood)) >= LASTS * sum(map(len, recordings))
         clips = ((again and sudden) or once) if wide else (again or sudden or lasts)
+        if kind != BOTH:  # any machine is at its farthest one way somewhere
+            clips = again and sudden and lasts
         if not clips or (wide and float(np.std(np.concatenate(stood))) > SCATTER * noise):
             continue
         level = top if not wide else float(np.mean(np.concatenate(stood)))
-        return EffectSpec("sensor_nonlinearity", {"kind": "clipping", "level": level})
+        limit = {"kind": kind, "level": -level if kind == BELOW else level}
+        return EffectSpec("sensor_nonlinearity", limit)
     return None
 
 
@@ -68,8 +85,9 @@ def shown(trials: Sequence[Trial], stands: EffectSpec | None, plant: Plant) -> t
     if stands is None:
         return tuple(trials)
     width = WIDE * plant.machine.sensor_noise + plant.machine.encoder_resolution
-    level = float(stands.parameters["level"]) - width
-    return tuple(replace(trial, lost=np.abs(trial.y) >= level) for trial in trials)
+    kind, level = stands.parameters["kind"], float(stands.parameters["level"])
+    least = (-level if kind == BELOW else level) - width
+    return tuple(replace(trial, lost=ENDS[kind](trial.y) >= least) for trial in trials)
 
 
 def _without_limit(plant: Plant, r: Recording) -> Array:
@@ -80,17 +98,16 @@ def _without_limit(plant: Plant, r: Recording) -> Array:
     return plant.system.filter(r.u - r.u[0])
 
 
-def _visits(r: Recording, moved: Array, least: float) -> list[tuple[Array, float, float]]:
-    """Magnitudes of y of every stay at `least` or more of RUN samples in which without a limit it would
+def _visits(size: Array, moved: Array, least: float) -> list[tuple[Array, float, float]]:
+    """What was `size` in every stay at `least` or more of RUN samples in which without a limit it would
     have `moved`, the speed of arrival over the RMS one, and the least that it would have gone on with, at
     arrival and, backwards in time, at leaving."""
-    size = np.abs(r.y)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (size >= least).astype(int), [0]])))
-    usual = float(np.sqrt(np.mean(np.diff(r.y) ** 2))) or 1.0
+    usual = float(np.sqrt(np.mean(np.diff(size) ** 2))) or 1.0
     out = []
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         if b - a >= RUN and np.ptp(moved[a:b]) > MOVES * np.ptp(moved):
-            arrival = abs(float(r.y[a - 1] - r.y[a - 2])) / usual if a > 1 else 0.0
+            arrival = abs(float(size[a - 1] - size[a - 2])) / usual if a > 1 else 0.0
             carried = min(_carried(size[:a]), _carried(size[b:][::-1])) / usual
             out.append((size[a:b], arrival, carried))
     return out

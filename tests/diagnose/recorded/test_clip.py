@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
-from ffl.diagnose.recorded.clip import clipping
-from ffl.machines import SimulatedMachine
+from ffl.diagnose.recorded.clip import clipping, shown
+from ffl.diagnose.recorded.trials import prepare
+from ffl.machines import SimulatedMachine, Simulator
 from ffl.systems import Physics, Plant, Zpk
 from ffl.systems.plant import EffectSpec, Imperfections
 
@@ -89,6 +90,28 @@ def test_what_rests_within_the_noise_of_a_sensor_scatters_by_it(table, drift, cl
         y[stay] += 2e-6 * np.linspace(-0.5, 0.5, len(stay)) * drift * np.sign(y[stay])
     y += 2e-6 * np.random.default_rng(2).standard_normal(len(y))
     assert (clipping(quiet, [replace(clear, y=y)]) is not None) is clips
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_limit_at_one_end_is_told_where_the_machine_goes_farther_the_other_way(table, way):  # type: ignore[no-untyped-def]
+    clear = [way * r.y for r in _recorded(table)]
+    runs = _recorded(table)
+    end = 0.6 * max(float(y.max()) for y in clear)
+    assert min(float(y.min()) for y in clear) < -1.2 * end
+    limited = [replace(r, y=way * np.minimum(y, end)) for r, y in zip(runs, clear, strict=True)]
+    found = clipping(table, limited)
+    assert found is not None
+    kind = "clipping_above" if way > 0.0 else "clipping_below"
+    assert found.parameters == {"kind": kind, "level": pytest.approx(way * end)}
+    trials = shown([prepare(Simulator(table), r, 1e-9) for r in limited], found, table)
+    for trial, y in zip(trials, clear, strict=True):
+        assert trial.lost is not None
+        np.testing.assert_array_equal(trial.lost, y >= end - 9e-8)  # eight of the noise, one step
+    assert clipping(table, runs) is None
+    # A machine that friction brings to rest at its farthest comes slower and slower.
+    t = STEP * np.arange(2500)
+    before = np.minimum(np.sin(2 * np.pi * t), 0.0)
+    assert clipping(table, [replace(runs[0], y=-1e-3 * way * before**2)]) is None
 
 
 def test_what_a_clipping_sensor_lost_needs_no_explanation(table):  # type: ignore[no-untyped-def]

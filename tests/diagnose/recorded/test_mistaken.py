@@ -12,7 +12,7 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.recorded.compared import factor_of
-from ffl.diagnose.recorded.mistaken import ALIKE, mistakes
+from ffl.diagnose.recorded.mistaken import ALIKE, _held_beside, mistakes
 from ffl.machines import SimulatedMachine
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -260,6 +260,28 @@ def test_a_sign_beside_friction_that_takes_half_of_the_command(conveyor, turned)
     found = mistakes(plant, [run])
     assert [f.kind for f in found] == (["sign"] if turned else [])
     assert all("flip y or u" in f.mend for f in found)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_sign_beside_friction_that_holds_a_crane_between_its_moves(sign):
+    """A controller that nobody states winds up against it: all of that command goes into standstill."""
+    servo = {
+        "name": "crane", "sample_time": 0.004, "units": {"input": "N m", "output": "deg"},
+        "plant": {"form": "czpk", "zeros": [], "poles": [0.0, -1.9], "gain": 27.0},
+        "controller": {"form": "zpk", "zeros": [0.985, 0.97], "poles": [1.0, 0.8], "gain": 3.2},
+        "effects": [{"name": "coulomb_friction", "parameters": {"level": 6.0}}],
+    }  # fmt: skip
+    crane = plant_from_dict(servo)
+    steps = [
+        Move(0.5 + 2.0 * k, 8.0 * s, 20.0, 60.0, 600.0) for k, s in enumerate((1, -1, 1, 1, -1))
+    ]
+    there = moves(steps, 10.5, 0.004)
+    run = SimulatedMachine(crane).run(there, np.zeros_like(there), np.random.default_rng(3))
+    run = Recording.from_signals(0.004, u=run.u, y=sign * run.y, source="crane.csv")
+    plant = replace(crane, controller=None, effects=())
+    assert factor_of(plant, run.u, run.y)[1] > ALIKE
+    assert [f.kind for f in mistakes(plant, [run])] == (["sign"] if sign < 0.0 else [])
+    assert _held_beside(plant, run.u, run.y, sign)[1] < 0.01
 
 
 @pytest.mark.parametrize(
