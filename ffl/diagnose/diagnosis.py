@@ -36,7 +36,7 @@ from ffl.diagnose.predict.observer import (
     with_firm_observer,
     with_observer,
 )
-from ffl.diagnose.predict.parting import clearer, parts
+from ffl.diagnose.predict.parting import clearer, hunts, opened, parts
 from ffl.diagnose.predict.rattling import with_rattling
 from ffl.diagnose.proof.conclude import SHORTEST, conclude, faulty, too_short, unlike
 from ffl.diagnose.recorded import sound
@@ -130,11 +130,15 @@ def _diagnose_output(
             "no controller is stated and the plant integrates: predicted through an observer, not in "
             "free run"
         )
-        decay = decay_for(recordings)
-        leading, slow = with_observer(model, decay), decay / (2 * np.pi)
-        seen = Comparison(leading, led(moving(recordings)), led(moving(validation)), True, slow)
-        return named(seen, notes)
+        return named(_led(model, recordings, validation), notes)
     found = named(Comparison(model, recordings, validation), list(notes))
+    if hunts(found):
+        say("free runs of this loop may part: looked at once more along the command as recorded")
+        bare = replace(model, controller=None)
+        seen = Comparison(bare, opened(recordings), opened(validation))
+        if needs_observer(bare):
+            seen = _led(bare, recordings, validation)
+        return clearer(found, named(seen, list(notes)), rng)
     if not parts(found):
         return found
     say("free runs leave structure: looked at once more, led by an observer")
@@ -142,6 +146,15 @@ def _diagnose_output(
     slow = max(SLOWEST, decay_of(firm) / (2 * np.pi))
     seen = Comparison(firm, led(recordings), led(validation), True, slow)
     return clearer(found, named(seen, list(notes)), rng)
+
+
+def _led(
+    model: Plant, recordings: Sequence[Recording], validation: Sequence[Recording]
+) -> Comparison:
+    """Where the command was measured and the plant integrates."""
+    decay = decay_for(recordings)
+    leading, slow = with_observer(model, decay), decay / (2 * np.pi)
+    return Comparison(leading, led(moving(recordings)), led(moving(validation)), True, slow)
 
 
 def _named(

@@ -14,6 +14,7 @@ likelier in fitted and held-out recordings alike. The figures of the proof stay 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.proof.prove import Proof, prove, run_plant
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
 from ffl.diagnose.result import Diagnosis
+from ffl.recordings import Recording
 
 CLEAR = 60.0  # log-likelihood, fitted and held out, by which the observer must know better
 # The same of fitted recordings where it explains all and free runs hold their names to no other: what is
@@ -55,6 +57,24 @@ def parts(found: Diagnosis) -> bool:
     return known and found.plant.machine.states_noise and base.plant.system is found.plant.system
 
 
+def hunts(found: Diagnosis) -> bool:
+    """Whether the command may tell what free runs of a loop whose controller is stated did not hold to. (A
+    valve that sticks makes its level swing for ever: with all numbers right a free run swings as well, and
+    soon out of step. It was refused; along the command as recorded it is 1.5994 % of 1.6.)"""
+    judged = found.judged
+    if found.verdict != "inconclusive" or judged is None or judged.held is None:
+        return False
+    if found.plant.controller is None or judged.scene.plain or judged.model.proven:
+        return False
+    known = all(np.all(np.isfinite(t.u)) for t in (*judged.scene.trials, *judged.held.trials))
+    return known and judged.model.base.plant.system is found.plant.system
+
+
+def opened(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings of a loop as those of the plant alone, driven by the command as recorded."""
+    return [replace(r, r=np.zeros_like(r.r), f=r.u, missing=r.missing | {"r"}) for r in recordings]
+
+
 def _astray(found: Diagnosis) -> bool:
     """Maps were named for want of a better one, along the motion as measured or such that free runs of them
     go their own way; or none was, and what is left comes in bursts: one lets go here, another there."""
@@ -79,9 +99,12 @@ def clearer(found: Diagnosis, again: Diagnosis, rng: Generator) -> Diagnosis:
     asked = again.verdict != "explained" or min(fitted, held) < FAR_AHEAD
     if asked and not proof.nrmse_after < (proof.nrmse_before if drawn is None else drawn):
         return found
+    way = "by an observer that leads the simulation to y"
+    if found.plant.controller is not None:
+        way = "along the command as recorded"
     note = (
-        "free runs of this machine part, so what is missing was told by an observer that leads the "
-        "simulation to y; the held-out figures are of free runs"
+        f"free runs of this machine part, so what is missing was told {way}; the held-out figures are of "
+        "free runs"
     )
     return replace(again, proof=proof, notes=(*again.notes, note))
 

@@ -132,7 +132,7 @@ def conclude(
     held, quiet = held.like(stands.scene), stands.scene
     ended = Ended(model, standing, nameless, proof, rounded, quiet.trials, held.trials)
     said = verdict_of(ended)
-    stated = replace(fitted, controller=model.controller) if held.observed else fitted
+    stated = replace(fitted, controller=model.controller)  # not that which led it, or none
     worse = proof.nrmse_after > proof.nrmse_before
     if withdrawn := said.nothing_claimed or (said.verdict == "unnamed" and worse):
         # No file holds it. (In one stood a dead zone of 43 N m and 62 % less mass.)

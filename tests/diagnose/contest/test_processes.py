@@ -169,13 +169,16 @@ def test_a_valve_that_sticks():
     assert found["parameters"]["band"].get("std_error") is None
 
 
-def test_a_valve_that_sticks_within_its_loop():
-    """A run of the loop by itself soon jumps at other moments; the command as recorded tells its band."""
-    rng = np.random.default_rng(8)
+@pytest.mark.parametrize("steps", [False, True])
+def test_a_valve_that_sticks_within_its_loop(steps):
+    """A run of the loop by itself soon jumps at other moments; the command as recorded tells its band.
+    `steps`: between them the loop swings for ever, and nobody states the noise."""
+    rng = np.random.default_rng(11 if steps else 8)
     step, band = 0.5, 1.0
     system = Zpk([-0.98], np.exp([-step / 6.0, -step / 20.0]), 2.0e-3 / 1.98, step)
     pi = Zpk([0.98], [1.0], 1.5, step)
-    noise = Imperfections(sensor_noise=0.02, force_noise=0.05)
+    noise = Imperfections() if steps else Imperfections(sensor_noise=0.02, force_noise=0.05)
+    coarse = 0.05 if steps else 1e-9
     plant = Plant(
         "level", system, Controller.of_error(pi), input_unit="%", output_unit="%", machine=noise
     )
@@ -184,10 +187,11 @@ def test_a_valve_that_sticks_within_its_loop():
     for n in (3000, 2400):
         waves = rng.uniform(90.0, 300.0, 3)  # seconds
         r = sum(3.0 * np.sin(2 * np.pi * step * np.arange(n) / period) for period in waves)
+        r = np.repeat(rng.uniform(-6.0, 6.0, n // 300), 300) if steps else r
         x, at, before = np.zeros((2, 1)), 0.0, (0.0, 0.0)
         y, u = np.zeros(n), np.zeros(n)
         for k in range(n):
-            y[k] = (c @ x).item() + 0.02 * rng.standard_normal()
+            y[k] = coarse * np.round(((c @ x).item() + 0.02 * rng.standard_normal()) / coarse)
             error = r[k] - y[k]
             u[k] = before[1] + 1.5 * (error - 0.98 * before[0])
             before = error, u[k]
