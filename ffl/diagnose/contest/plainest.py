@@ -25,7 +25,7 @@ CONTACT = "presliding_friction"
 LOOP = "hysteresis"
 # Of the sensor's noise: a way that no recording shows, and where the stiffness is unsure as well.
 FREE, LED = (0.1, 0.4), (0.5, 2.0)  # in free runs and led by an observer
-UNSURE = 0.4  # of a stiffness: its standard error
+UNSURE = 0.4  # of a stiffness, or of a velocity: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
 FALLING = "stribeck_friction"
 BY_DIRECTION = "asymmetric_friction"
@@ -161,10 +161,14 @@ def _told_nowhere(judged: Judged, index: int) -> bool:
 
 
 def _falls_nowhere(judged: Judged, index: int) -> bool:
-    """Whether the velocity over which a Stribeck curve falls is less sure than large. (Two more numbers
-    took up what rounds of a fit had left: 0.589 N, and 0.552 +- 95 over 94 +- 1,360 mm/s, for 0.646.)"""
+    """Whether the velocity over which a Stribeck curve falls is less sure than large, or unsure and in
+    a sample less than the sensor's noise. (Two more numbers took up what rounds of a fit had left: 0.589 N,
+    and 0.552 +- 95 over 94 +- 1,360 mm/s, for 0.646; on a scale of 0.5 um, read every ms, 0.300 V that rise
+    to 0.418 below 0.44 +- 0.2 um/s.)"""
     velocity = float(judged.model.effects[index].parameters["stribeck_velocity"])
-    return (error_of(judged, index, "stribeck_velocity") or 0.0) > velocity
+    error = error_of(judged, index, "stribeck_velocity") or 0.0
+    noise = judged.scene.noise.sensor / judged.model.base.plant.sample_time
+    return error > velocity or (error > UNSURE * velocity and velocity < noise)
 
 
 def _never_slides(judged: Judged, index: int) -> bool:

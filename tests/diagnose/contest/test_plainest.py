@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ffl.diagnose.contest import plainest as plainest_forms
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.plainest import _flat, plainest
 from ffl.diagnose.contest.rounds import Outcome
@@ -154,6 +155,21 @@ def test_a_hardening_loop_of_no_known_size_is_a_spring(stage, record):  # type: 
     loop = EffectSpec("hysteresis", values, {"kind": "hardening"})
     found, _ = told(stage, record, spring, loop)
     assert found.model.names == ("linear_stiffness",)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "error", "says"),
+    [(0.5e-4, 0.3e-4, True), (0.5e-4, 0.1e-4, False), (4e-4, 2e-4, False), (4e-4, 5e-4, True)],
+)
+def test_a_fall_that_no_sensor_shows_says_nothing(monkeypatch, velocity, error, says):
+    """Of noise of 0.1 um in samples of 1 ms."""
+    monkeypatch.setattr(plainest_forms, "error_of", lambda *_: error)
+    spec = EffectSpec("stribeck_friction", {"stribeck_velocity": velocity})
+    base = SimpleNamespace(plant=SimpleNamespace(sample_time=1e-3))
+    model = SimpleNamespace(effects=(spec,), base=base)
+    scene = SimpleNamespace(noise=SimpleNamespace(sensor=1e-7))
+    judged = SimpleNamespace(model=model, scene=scene)
+    assert plainest_forms._falls_nowhere(judged, 0) is says  # type: ignore[arg-type]
 
 
 def test_a_fall_over_no_known_velocity_is_plain_friction(stage, record):  # type: ignore[no-untyped-def]
