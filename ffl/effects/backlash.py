@@ -120,6 +120,10 @@ def _gap_law(p, s, io):  # type: ignore[no-untyped-def]
     io[MEAN], io[SLOPE] = mean, slope
 
 
+PLACES = {  # of the gap, where it is not between motor and load
+    "play": "between the machine and its measuring head",
+    "load": "before a part that knocks behind it",
+}
 LOAD = {"load_fraction": 0.3, "frequency": 150.0, "damping": 0.2}
 RANGE = {"load_fraction": (0.03, 0.95), "frequency": (5.0, 2000.0), "damping": (0.002, 2.0)}
 KINDS, PARTS = ("play", "coupling", "load"), ("motor", "load")
@@ -245,4 +249,5 @@ class Backlash(Effect):
         return {"gap": max(float(coefficients[0]), 0.0)}
 
     def says(self, values: Parameters, plant: Plant) -> str:
-        return f"There is a play of {self.quantity(values, 'gap', plant)} in the transmission (backlash)."
+        where = PLACES.get(str(values.get("kind")), "in the transmission")
+        return f"There is a play of {self.quantity(values, 'gap', plant)} {where} (backlash)."

@@ -361,7 +361,7 @@ class Effect:
     # --- words -----------------------------------------------------------------------------------
 
     def says(self, values: Parameters, plant: Plant) -> str:
-        """One sentence for an engineer."""
+        """One sentence for an engineer; `values`: the parameters, and the options beside them."""
         raise InputError(f"effect {self.name} has no sentence")
 
     def quantity(self, values: Parameters, name: str, plant: Plant) -> str:

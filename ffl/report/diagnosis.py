@@ -246,8 +246,10 @@ def _experiment(page: Page, d: Diagnosis) -> None:
 def _where(page: Page, d: Diagnosis) -> None:
     page.section("Where?")
     if d.place.where:
-        depends = ", ".join(d.place.depends_on) or "nothing that varies"
-        page.text(f"{d.place.where}; depends on {depends}; component: {d.place.component}.")
+        depends = ", ".join(d.place.depends_on)
+        said = [d.place.where, depends and f"depends on {depends}"]
+        said.append(d.place.component and f"component: {d.place.component}")
+        page.text("; ".join(filter(None, said)) + ".")
     if d.place.formula:
         page.note(f"The simplest formula for what has no name: {d.place.formula}.", "good")
     if d.place.linear_share is not None:
@@ -316,12 +318,15 @@ def _proof(page: Page, d: Diagnosis) -> None:
     if d.proof is None:
         return
     page.section("Proof on held-out recordings")
-    for overlay in d.proof.overlays:
+    files = [Path(overlay.name).name for overlay in d.proof.overlays]
+    for overlay, title in zip(d.proof.overlays, files, strict=True):
+        if files.count(title) > 1:  # moves of one recording
+            title += f", {overlay.t[0]:.4g} to {overlay.t[-1]:.4g} s"
         figure, axes = subplots(rows=2, columns=1, height=4.6, sharex=True)
         draw.overlay(axes[0], overlay, d.plant.output_unit)
         draw.errors(axes[1], overlay, d.plant.output_unit)
         page.figure(
-            figure, f"{Path(overlay.name).name}, before and after",
+            figure, f"{title}, before and after",
             ("Led to what was measured by an observer" if d.proof.observed else
              "Free-running simulation from the recording's own start") + "; nothing was fitted to it. "
             + ("After: with the map that has no name. " if d.proof.nrmse_with_map else "")

@@ -37,12 +37,14 @@ class Shape:
 @dataclass(frozen=True)
 class Formula:
     """`text` in words; `grid`, `values`: the formula over the map's own variable where it has one;
-    `share`: of what the free map explains, how much the formula does."""
+    `share`: of what the free map explains, how much the formula does; `pushes`: the force that it adds in
+    proportion to the speed, by no other variable."""
 
     text: str
     grid: Array | None
     values: Array | None
     share: float
+    pushes: float = 0.0
 
 
 def _one(z: Array) -> Array:
@@ -143,7 +145,20 @@ def _of_map(part: Part, r: Array, q: Array, best: float, scale: float) -> Formul
     return Formula(
         _text(part, shapes, weights * scale), z, table @ weights * scale,
         min(1.0, (float(q @ q) - cost) / best) if best > 0 else 0.0,
+        _by_speed(part, shapes, weights * scale),
     )  # fmt: skip
+
+
+def _by_speed(part: Part, shapes: Sequence[Shape], weights: Array) -> float:
+    """Weight of what is a force in proportion to the speed alone: a number of the linear model's own."""
+    ways = {("position", "velocity"): _one, ("velocity", ""): STRAIGHT.columns}
+    own = ways.get((part.term.along, part.term.driver or ""))
+    if own is None or part.place.port != "force":
+        return 0.0
+    each = np.repeat(
+        [s.columns is own for s in shapes], [2 if s.columns is _wave else 1 for s in shapes]
+    )
+    return float(weights[each].sum())
 
 
 def _proportional(part: Part, z: Array, formula: Array, r: Array) -> float:

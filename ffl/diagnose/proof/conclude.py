@@ -14,6 +14,7 @@ from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.posterior import none_of_them
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
+from ffl.diagnose.hypothesis.amounts import effect_values
 from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import FreeModel, Running
@@ -48,6 +49,7 @@ LOGGED = (
 )
 STRAIGHT = 1e-6  # of a formula's largest value: what is off by less is a proportion
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
+UNDONE = 0.3  # of a force by speed: what is left of it beside a damping that undoes it, at most
 
 
 @dataclass(frozen=True)
@@ -236,6 +238,8 @@ def _remarks(
             "mass, damping and stiffness are off by one and the same share: one number says as much, the "
             f"gain of the drive, {100.0 * gain:+.3g} %"
         )
+    if said.verdict == "unnamed" and stands.maps and (undone := _undone(stands)):
+        yield undone
     if said.verdict == "unnamed" and (lead := ahead(stands.contest)) is not None:
         yield (
             f"y is {1e3 * lead:.3g} ms ({lead / model.sample_time:.2g} samples) ahead of what the model "
@@ -297,6 +301,23 @@ def _other_model(model: Plant) -> str:
         "the model was identified from a recording that its form does not fit, feedback or strong "
         'physics in it: state what is known instead (mass or inertia as form = "czpk", and the '
         "[controller]), or identify from small motion, or without the controller"
+    )
+
+
+def _undone(stands: Stands) -> str | None:
+    """What a formula adds in proportion to the speed and a damping fitted beside it takes back. (Of a
+    brake on a part of the way came one there that pushes 10.92 v everywhere, and 130 % more damping.)"""
+    damping = stands.bare.corrections.get("damping")
+    pushes = sum(f.pushes for f in stands.contest.formulas)
+    if damping is None or not pushes:
+        return None
+    holds = effect_values(stands.bare, "damping")["coefficient"]
+    if abs(pushes - holds) > UNDONE * abs(pushes):
+        return None
+    return (
+        f"of the formula {pushes:.4g} velocity and the damping fitted beside it undo one another, to "
+        f"{pushes - holds:+.2g} velocity: what is missing is the rest of the formula, beside the damping "
+        "of the plant file"
     )
 
 

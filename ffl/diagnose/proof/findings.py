@@ -34,7 +34,10 @@ def finding(
         parameter = effect.parameter(name)
         error = None if parameter.stepped else errors[name]
         numbers[name] = Number(value, parameter.unit_in(plant), error)
-    says, share = effect.says(effect.check(spec), plant), of_its_own(standing.model, spec)
+    says, share = (
+        effect.says({**spec.options, **effect.check(spec)}, plant),
+        of_its_own(standing.model, spec),
+    )
     if share is not None:
         says += f" That is {100.0 * share:+.3g} % of the model's own."
     shares = probabilities(spec.name, outcome.contenders, elsewhere)
