@@ -11,6 +11,7 @@ from ffl.bases.friction import STANDS
 if TYPE_CHECKING:
     from ffl.campaign.export import Realisation, Section
 
+WRITTEN = "Written by ffl export. */"  # how the first line ends
 TYPES = """\
 typedef struct { double a[4], b[2], c[2], d, gain[2], rest[2]; } ffl_section;
 typedef struct { double positive, negative, velocity; } ffl_friction;
@@ -97,7 +98,7 @@ def c_header(realisation: Realisation, told: str) -> str:
     most = max(len(r.forwards), len(r.backwards), 1)
     return "\n".join(
         [
-            f"/* Learned feedforward: {told}. Written by ffl export. */",
+            f"/* Learned feedforward: {told}. {WRITTEN}",
             "#ifndef FFL_FEEDFORWARD_H",
             "#define FFL_FEEDFORWARD_H",
             f"enum {{ FFL_TAPS = {len(r.delays)}, FFL_FORWARDS = {len(r.forwards)}, "

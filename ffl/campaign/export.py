@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,12 @@ import numpy as np
 from ffl.bases import FIR, OBF, Basis, Combination, Derivatives, Filter, Friction, SumBasis
 from ffl.bases.friction import STANDS
 from ffl.bases.obf import all_pass
+from ffl.campaign.c_header import WRITTEN, c_header
 from ffl.campaign.config import Campaign, RunSpec, load_campaign
 from ffl.campaign.signals import read_dataset
 from ffl.campaign.store import read_results
 from ffl.errors import InputError
-from ffl.systems.atomic import write_bytes, write_text
+from ffl.systems.atomic import require_replaceable, write_bytes, write_text
 from ffl.systems.plant_file import suggest
 from ffl.systems.state_space import Array, ComplexArray
 
@@ -154,7 +156,7 @@ def _taps(basis: FIR | Derivatives, theta: Array) -> dict[int, float]:
 
 
 def export_run(folder: Path, run: str, format: str, out: Path) -> None:
-    """Writes the last trial's feedforward of a finished run."""
+    """Writes the last trial's feedforward of a finished run; over an earlier export of that format only."""
     if format not in FORMATS:
         raise InputError(f"format '{format}': {suggest(format, list(FORMATS))}")
     if out.is_dir():
@@ -166,6 +168,7 @@ def export_run(folder: Path, run: str, format: str, out: Path) -> None:
     path = folder / f"{run}.h5"
     if not path.exists() and not _told(folder, run):
         raise InputError(f"{folder}: run '{run}' has no trial yet; finish it with --resume")
+    require_replaceable(out, partial(OWN[format], campaign))
     FORMATS[format](campaign, spec, path, out)
 
 
@@ -227,8 +230,6 @@ def _mat(campaign: Campaign, run: RunSpec, path: Path, out: Path) -> None:
 
 
 def _c(campaign: Campaign, run: RunSpec, path: Path, out: Path) -> None:
-    from ffl.campaign.c_header import c_header
-
     realisation = realise(run.basis, read_dataset(path, "theta", -1))
     told = f"campaign {campaign.name}, run {run.name}, sample time {campaign.sample_time!r} s"
     write_text(out, c_header(realisation, told))
@@ -239,4 +240,44 @@ FORMATS: dict[str, Callable[[Campaign, RunSpec, Path, Path], None]] = {
     "c": _c,
     "mat": _mat,
     "csv": _table,
+}
+
+
+def _own_json(campaign: Campaign, content: bytes) -> bool:
+    try:
+        document = json.loads(content)
+    except ValueError:
+        return False
+    return isinstance(document, dict) and document.get("how") == HOW
+
+
+def _own_c(campaign: Campaign, content: bytes) -> bool:
+    return content.split(b"\n")[0].endswith(WRITTEN.encode())
+
+
+def _own_mat(campaign: Campaign, content: bytes) -> bool:
+    import io
+
+    from scipy.io import whosmat
+
+    try:
+        names = {name for name, _, _ in whosmat(io.BytesIO(content))}
+    except Exception:  # whatever the reader makes of another format
+        return False
+    return names == {"t", "r", "f", "theta", "names", "sample_time", "run"}
+
+
+def _own_table(campaign: Campaign, content: bytes) -> bool:
+    """t and r must be the campaign's: other tables of t, r and f are somebody's work."""
+    rows = zip(campaign.time.tolist(), campaign.reference.tolist(), strict=True)
+    starts = ["t,r,f", *(f"{t!r},{r!r}," for t, r in rows)]
+    lines = content.decode(errors="replace").splitlines()
+    return len(lines) == len(starts) and all(map(str.startswith, lines, starts))
+
+
+OWN: dict[str, Callable[[Campaign, bytes], bool]] = {
+    "json": _own_json,
+    "c": _own_c,
+    "mat": _own_mat,
+    "csv": _own_table,
 }

@@ -74,13 +74,15 @@ def report(
     out: Out = None,
 ) -> None:
     """One report from one or more finished runs."""
-    from ffl.report.learning import print_summary, write_report
+    from ffl.report.learning import own_report, print_summary, write_report
+    from ffl.systems.atomic import require_replaceable
 
     name = "report.html" if len(folders) == 1 else "comparison.html"
-    if out is None:
-        target = folders[0] / name if len(folders) == 1 else Path(name)
+    if out is None:  # of several folders into the working directory, said in full
+        target = folders[0] / name if len(folders) == 1 else Path.cwd() / name
     else:  # a folder, or a file by its ending
         target = out / name if out.is_dir() or out.suffix == "" else out
+    require_replaceable(target, own_report)
     write_report(folders, target)
     print_summary(folders)
     print(f"\nreport: {target}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,6 +53,11 @@ def write_report(folders: Sequence[Path], target: Path) -> None:
     packages = ", ".join(f"{name} {text}" for name, text in results["versions"].items())
     page.footer = f"Written by ffl {__version__} from {len(folders)} folder(s); {packages}."
     page.write(target)
+
+
+def own_report(content: bytes) -> bool:
+    """Whether a page is one of `write_report`, by its footer."""
+    return bool(re.search(rb"<footer>Written by ffl [^<]* from \d+ folder\(s\);", content))
 
 
 def print_summary(folders: Sequence[Path]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -34,6 +34,16 @@ def require_own(folder: Path, key: str) -> None:
         answer = None
     if not isinstance(answer, dict) or key not in answer:
         raise InputError(f"{folder}: holds the report of another command; give another --out")
+
+
+def require_replaceable(path: Path, own: Callable[[bytes], bool]) -> None:
+    """Raises `InputError` where a file stands at `path` that is not `own`: not an earlier output of the
+    command that is about to write there, which would be lost."""
+    if path.is_file() and not own(path.read_bytes()):
+        raise InputError(
+            f"{path}: stands there already and is no earlier output of this command; give another "
+            "--out, or move it away"
+        )
 
 
 @contextmanager
