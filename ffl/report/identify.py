@@ -14,6 +14,7 @@ from ffl import __version__
 from ffl.bases import FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
+from ffl.effects import is_speed
 from ffl.errors import InputError
 from ffl.identify.inverse import pull_of_output_noise
 from ffl.identify.linear.signals import as_signals
@@ -247,6 +248,8 @@ def _linear(task: Task) -> Found:
     page = _page("linear", first)
     summary = model.summary()
     summary = {"criterion": summary.pop("method"), **summary}
+    if (load := model.constant_load(is_speed(plant.output_unit))) is not None:
+        summary |= {"constant_load": load[0], "constant_load_std_error": load[1]}
     page.section("Model").facts(
         [
             ("order", summary["order"]),

@@ -382,6 +382,42 @@ def test_the_constant_load_stands_for_the_offset_whatever_the_zeros():
     assert np.abs(run.y - y)[200:].max() < 0.01
 
 
+def test_a_load_is_stated_only_where_it_is_more_than_noise():
+    """Over 40 recordings of one plant the offset spreads as its standard error says; without an offset
+    none is stated, with one the force lies within its error."""
+    told, loads = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        u = rng.standard_normal(600)
+        y = PLANT.filter(u) + 0.1 * rng.standard_normal(600)
+        model = fit_linear(Signals(u, y, T), 2)
+        told.append(model.offset / model.offset_std)
+        assert bool(model.plant("p", with_load=True).effects) == (abs(told[-1]) > 3.0)
+        y = y + 0.5 * PLANT.at(1.0)[0].real
+        found = fit_linear(Signals(u, y, T), 2).constant_load()
+        loads.append((found[0] - 0.5) / found[1])
+    assert 0.75 < np.std(told) < 1.3
+    assert np.sum(np.abs(told) > 3.0) <= 1
+    assert 0.75 < np.std(loads) < 1.3
+
+
+def test_a_loop_that_integrates_hides_an_offset_and_none_is_stated():
+    controller = Controller.of_error(Zpk([0.8], [1.0], 0.3, T))
+    plant = Zpk([1.15], [0.8, 0.9 + 0.2j, 0.9 - 0.2j], -0.004, T)
+    loop = closed_loop(plant, controller).system
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        inputs = np.zeros((1500, 4))
+        inputs[:, 1] = rng.standard_normal(1500)
+        inputs[:, 3] = 2e-3 * rng.standard_normal(1500)
+        y, u = loop.filter(inputs).T
+        f, r = inputs[:, 1], np.zeros(1500)
+        model = fit_linear(Signals(u, y, T, r=r, f=f), 3, controller=controller)
+        assert model.method == "closed_loop"
+        assert model.offset_std > 10 * np.std(y)
+        assert not model.plant("p", with_load=True).effects
+
+
 def test_samples_at_the_limit_of_a_sensor_are_not_fitted():
     rng = np.random.default_rng(12)
     u = np.repeat(rng.standard_normal(80), 20)

@@ -65,10 +65,12 @@ def burg(pieces: Sequence[Array], max_order: int = 30) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance (q, q) in the local coordinates `directions` at the estimate."""
+    """Covariance (q, q) in the local coordinates `directions` at the estimate; `as_white` is what it
+    would be if the residual were white."""
 
     directions: Tangent
     covariance: Array
+    as_white: Array
     noise_variance: float
     autoregression: Array
     residuals: tuple[Array, ...]
@@ -103,7 +105,8 @@ def uncertainty(problem: Problem, point: Point) -> Uncertainty:
             triangle = upper_triangle(coloured)
             middle += triangle.T @ triangle
         middle *= innovation * n / dof
-    return Uncertainty(directions, to_step @ middle @ to_step.T, variance, autoregression, errors)
+    covariance, as_white = to_step @ middle @ to_step.T, variance * to_step @ to_step.T
+    return Uncertainty(directions, covariance, as_white, variance, autoregression, errors)
 
 
 def _correlation(x: Sequence[Array], y: Sequence[Array], lags: int) -> Array:

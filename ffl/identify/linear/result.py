@@ -15,13 +15,14 @@ from ffl.errors import InputError
 from ffl.identify.linear.coordinates import Point, Structure
 from ffl.identify.linear.noise import ResidualTest, Uncertainty
 from ffl.identify.linear.problem import Problem
-from ffl.identify.linear.roots import RootEstimate, response_std
+from ffl.identify.linear.roots import RootEstimate, offset_std, response_std
 from ffl.identify.linear.search import Method, predictor_of
 from ffl.identify.linear.signals import Scale, as_signals
 from ffl.systems import Controller, EffectSpec, Physics, Plant, StateSpace, Zpk, series
 from ffl.systems.state_space import Array, ComplexArray
 
 FAR = 1e-6  # p-value below which a test of the residual is worth a sentence
+SIGNIFICANT = 3.0  # standard errors beyond which a load is more than noise
 EXACT = 1e-9  # NRMSE below which the residual is rounding
 
 
@@ -177,6 +178,32 @@ class LinearModel:
         static = float(self.state_space.at(1.0)[0].real)
         return self.offset / static if static else None
 
+    @cached_property
+    def offset_std(self) -> float:
+        """Standard error of `offset`, 0 where there is none."""
+        return self._offset_std[0]
+
+    @cached_property
+    def _offset_std(self) -> tuple[float, float | None]:
+        """Of offset and load. What the start's prior alone decides has no noise in the sandwich form: a
+        loop whose controller integrates hides an offset of y, and only `as_white` says so."""
+        of = self.point, self.structure, self.scale, self.uncertainty.directions
+        coloured, white = (
+            offset_std(*of, covariance)
+            for covariance in (self.uncertainty.covariance, self.uncertainty.as_white)
+        )
+        return coloured if coloured[0] > white[0] else white
+
+    def constant_load(self, is_speed: bool = False) -> tuple[float, float] | None:
+        """Force of the effect `constant_load` that stands for the offset, and its standard error, in the
+        input's unit; None where the offset lies within `SIGNIFICANT` standard errors of nothing."""
+        load, load_std = self.load, self._offset_std[1]
+        if not load or load_std is None or abs(self.offset) <= SIGNIFICANT * self.offset_std:
+            return None
+        mechanics = mechanics_of(self.system, is_speed)
+        per_force = mechanics.as_command(mechanics.point())
+        return load / per_force, load_std / abs(per_force)
+
     def overlay(self, recording: Any, start_samples: int | None = None) -> Overlay:
         """The recording as the model reproduces it: free run for `output_error` (from u) and
         `closed_loop` (from r and f), one-step prediction for `prediction_error`.
@@ -216,19 +243,15 @@ class LinearModel:
     ) -> Plant:
         """A `Plant` to be written by `save_plant`.
 
-        `with_load` states the fitted offset as the effect `constant_load`, unless it would move the
-        output by less than a hundredth of the noise.
+        `with_load` states the fitted offset as the effect `constant_load`, where it is significant.
         """
         said = source or (
             f"ffl identify linear, {self.method}, order {self.structure.order}, from "
             + ", ".join(self.sources)
         )
         effects: tuple[EffectSpec, ...] = ()
-        small = self.structure.offset == "output" and abs(self.offset) < 0.01 * self.noise_std
-        if with_load and self.load and not small:
-            mechanics = mechanics_of(self.system, is_speed(output_unit))
-            per_force = mechanics.as_command(mechanics.point())
-            effects = (EffectSpec("constant_load", {"force": self.load / per_force}),)
+        if with_load and (found := self.constant_load(is_speed(output_unit))) is not None:
+            effects = (EffectSpec("constant_load", {"force": found[0]}),)
         return Plant(
             name=name,
             system=self.system,
@@ -268,6 +291,7 @@ class LinearModel:
             "nrmse": self.nrmse,
             "noise_std": self.noise_std,
             "offset": self.offset,
+            "offset_std_error": self.offset_std,
             "status": self.status,
             "poles": listed(self.poles),
             "zeros": listed(self.zeros),

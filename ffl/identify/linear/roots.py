@@ -9,6 +9,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ffl.identify.linear.coordinates import Point, Structure, Tangent
+from ffl.identify.linear.signals import Scale
 from ffl.systems.state_space import Array, ComplexArray
 
 
@@ -137,3 +138,35 @@ def response_std(
     left, right = np.hstack([left, one]), np.hstack([right, one])
     d = np.einsum("fi,ijq,fj->fq", left, directions.matrix, right, optimize=True)
     return np.sqrt(np.maximum(np.real(np.einsum("fq,qp,fp->f", d, covariance, d.conj())), 0.0))
+
+
+def offset_std(
+    point: Point, s: Structure, scale: Scale, directions: Tangent, covariance: Array
+) -> tuple[float, float | None]:
+    """Standard errors of the offset o and of the load that stands for it, by the delta method.
+
+    At the output o = o_s y_s + y_m - P(1) y_s/u_s u_m and the load is o / (P(1) y_s/u_s), with the
+    scaled o_s, P(1), the scales y_s, u_s and the means y_m, u_m that were taken off; None where P(1) is
+    0 or infinite. At the input both are o_s u_s - u_m.
+    """
+
+    def std(move: Array) -> float:
+        return float(np.sqrt(np.maximum(move @ covariance @ move, 0.0)))
+
+    own = directions.offset
+    if s.offset == "none":
+        return 0.0, None
+    if s.offset != "output":
+        return (scale.u * std(own),) * 2
+    if s.integrators:
+        return scale.y * std(own), None
+    inner = np.eye(s.order) - point.a
+    left = np.append(np.linalg.solve(inner.T, point.c), 1.0)
+    right = np.append(np.linalg.solve(inner, point.b), 1.0)
+    static = float(left[:-1] @ point.b) + point.d
+    moved = np.einsum("i,ijq,j->q", left, directions.matrix, right)
+    offset = scale.y * std(own - scale.u_mean / scale.u * moved)
+    if not static:
+        return offset, None
+    whole = point.offset + scale.y_mean / scale.y
+    return offset, scale.u * std(own / static - whole / static**2 * moved)
