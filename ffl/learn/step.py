@@ -20,6 +20,9 @@ from ffl.systems.state_space import Array
 
 FED_BACK = 1e-3  # of the command's peak, u - f above which is no resolution of a measured command
 INJECTED = 0.01  # share of |f| that rounding in a file does not leave: something else was injected
+NEARLY = (
+    2.0  # times what no parameters give: an injection lies across the basis rather than along it
+)
 STILL = 3.0  # standard errors that a parameter may move in a step while learning has settled
 
 
@@ -145,18 +148,30 @@ def _still_moving(names: list[str], moved: Array, std_error: Array) -> list[str]
 
 def feedforward_for(basis: Basis, recording: Recording, theta: Array, previous: Array) -> Array:
     """The next f (N,) for this recording's reference: the basis with `theta`, and what its f held
-    beside the basis (a known injection) once more.
+    beside the basis (see `beside`) once more."""
+    return beside(basis, recording, previous) + _GoingOn(basis).regressors(recording.r) @ theta
 
-    Which parameters a recording that taught nothing ran with, nobody says: where the basis leaves
-    less than `INJECTED` of its f, those that leave the least; else `previous` or none at all.
+
+def beside(basis: Basis, recording: Recording, previous: Array) -> Array:
+    """What the recorded f (N,) holds beside the basis, (N,): an injection, or a part of an earlier,
+    richer basis that this one does not represent.
+
+    Which parameters a recording that taught nothing ran with, nobody says. f less its projection on the
+    basis is what no parameters give. Where `previous` or none at all leave at most `NEARLY` times as
+    much, it ran with those, and all the rest is an injection, its part along the basis too: a signal
+    for identification must come back whole. Else it ran with other parameters, and only what no
+    parameters give is kept; so is f of an earlier basis, of which this one represents the most. Where
+    that is less than `INJECTED` of f, it is rounding in a file.
     """
     phi = _GoingOn(basis).regressors(recording.r)
     q = orthonormal(phi).q
-    own = q @ (q.T @ recording.f)
-    if np.linalg.norm(recording.f - own) > INJECTED * np.linalg.norm(recording.f):
-        known = (phi @ previous, np.zeros(len(phi)))
-        own = min(known, key=lambda part: float(np.linalg.norm(recording.f - part)))
-    return recording.f - own + phi @ theta
+    left = recording.f - q @ (q.T @ recording.f)
+    size = float(np.linalg.norm(left))
+    if size <= INJECTED * np.linalg.norm(recording.f):
+        return left
+    known = (recording.f - phi @ previous, np.array(recording.f))
+    nearest = min(known, key=lambda rest: float(np.linalg.norm(rest)))
+    return nearest if np.linalg.norm(nearest) <= NEARLY * size else left
 
 
 class _GoingOn(Basis):

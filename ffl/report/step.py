@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ffl import __version__
-from ffl.bases import FreeSignal
+from ffl.bases import Basis, FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
 from ffl.campaign.state import read_state, write_state
 from ffl.errors import InputError
 from ffl.learn.foretold import Foretold, foretold
-from ffl.learn.step import Step, feedforward_for, learn_from_recording
+from ffl.learn.step import INJECTED, Step, beside, feedforward_for, learn_from_recording
 from ffl.recordings import Recording, read_recording
 from ffl.report.finished import motion_interval
 from ffl.report.learning_figures import over_time
@@ -92,6 +92,7 @@ def step_with_report(
             foretold(model, r, feedforward_for(basis, r, step.theta, step.previous))
             for r in (recording, *others)
         ]
+        answer["notes"] += _beside(basis, others, step.previous)
         answer["foretold"] = [{"recording": t.recording, **t.rms} for t in told]
     page = step_page(step, recording, model, answer, told)
     require_own(out, "predicted_error_norm")
@@ -100,6 +101,19 @@ def step_with_report(
     page.write(out / "report.html")
     write_state(out / "state.json", number + 1, step, form.basis, model, recording.source)
     return answer
+
+
+def _beside(basis: Basis, checks: Sequence[Recording], previous: Array) -> list[str]:
+    """A note on every check whose f holds more than the basis gives."""
+    shares = [
+        (r.source, np.linalg.norm(beside(basis, r, previous)), np.linalg.norm(r.f)) for r in checks
+    ]
+    return [
+        f"{source}: {rest / whole:.2g} of the norm of its f is not of the basis (an injection, or an "
+        "earlier basis): its error is foretold with that part kept beside the new parameters"
+        for source, rest, whole in shares
+        if rest > INJECTED * whole
+    ]
 
 
 def _require_sound(model: Plant, recording: Recording) -> None:
@@ -204,7 +218,7 @@ def step_page(
             ],
             "Documented values stand in the basis file; the learned ones come from this one trial.",
         )
-    for note in step.notes:
+    for note in answer["notes"]:
         page.note(note)
     if told:
         _foretold(page, told, unit_y, bool(model.effects))

@@ -121,6 +121,31 @@ def test_a_check_is_foretold_from_the_feedforward_that_it_ran_with():
         np.testing.assert_allclose(following, phi @ theta + pulses, rtol=1e-9, atol=1e-9)
 
 
+def test_of_a_feedforward_of_an_earlier_basis_only_what_the_new_one_cannot_give_stays():
+    """It ran with friction and a lag of the acceleration, which the new basis lacks: the force it gave to
+    the acceleration must not count twice."""
+    plant, basis, other = servo(90.0, 300.0), make_basis(BASIS, T), -0.5 * motion()
+    previous, theta = np.array([80.0, 200.0]), np.array([92.0, 290.0])
+    phi = _GoingOn(basis).regressors(other)
+    for velocity in (0.0, 0.5):
+        richer = make_basis([*BASIS, {"kind": "friction", "velocity": velocity}], T)
+        f = _GoingOn(richer).regressors(other) @ np.array([90.0, 300.0, 20.0])
+        left = f - phi @ np.linalg.lstsq(phi, f, rcond=None)[0]
+        following = feedforward_for(basis, recorded(plant, other, feedforward=f), theta, previous)
+        np.testing.assert_allclose(following, phi @ theta + left, atol=1e-6 * np.abs(f).max())
+
+
+def test_a_check_whose_feedforward_is_not_of_the_basis_is_noted(files, tmp_path):
+    pulses = 20.0 * (np.arange(3000) % 1500 < 200)
+    check = recorded(servo(90.0, 300.0), -0.5 * motion(3000), feedforward=pulses)
+    write_recording(check, tmp_path / "check.csv")
+    assert execute([*files, "--check", "check.csv", "--out", "one"]) == 0
+    answer = json.loads((tmp_path / "one" / "answer.json").read_text())
+    (said,) = [note for note in answer["notes"] if "not of the basis" in note]
+    assert "check.csv: 1 of the norm of its f" in said
+    assert said in (tmp_path / "one" / "report.html").read_text()
+
+
 def test_a_known_injection_is_not_learned():
     reference = motion()
     pulses = 20.0 * (np.arange(len(reference)) % 1500 < 200)
