@@ -181,10 +181,13 @@ def step_page(
         f"From {recording.source}: {len(recording)} samples of {step.sample_time * 1e3:g} ms.",
     )
     n = np.sqrt(len(recording))
+    ahead = f"predicted next error, RMS [{unit_y}]", answer["predicted_error_norm"] / n
+    if told and model.effects:  # the prediction beside is that of the linear part
+        ahead = f"next error foretold with effects, RMS [{unit_y}]", told[0].rms["after"]
     page.section("What was learned").facts(
         [
             (f"recorded error, RMS [{unit_y}]", answer["error_norm"] / n),
-            (f"predicted next error, RMS [{unit_y}]", answer["predicted_error_norm"] / n),
+            ahead,
             ("KKT residual of the update", step.report.kkt_residual),
             ("directions used, of the parameters", f"{step.report.rank} of {len(step.names)}"),
         ]
@@ -222,7 +225,7 @@ def step_page(
         page.note(note)
     if told:
         _foretold(page, told, unit_y, bool(model.effects))
-    _figures(page, step, recording, unit_y, unit_f)
+    _figures(page, step, recording, unit_y, unit_f, bool(model.effects))
     return page
 
 
@@ -248,7 +251,9 @@ def _foretold(page: Page, told: Sequence[Foretold], unit: str, effects: bool) ->
         )
 
 
-def _figures(page: Page, step: Step, recording: Recording, unit_y: str, unit_f: str) -> None:
+def _figures(
+    page: Page, step: Step, recording: Recording, unit_y: str, unit_f: str, effects: bool
+) -> None:
     time = recording.t
     marks = motion_interval(recording.r, step.sample_time)
     with drawing():
@@ -277,7 +282,9 @@ def _figures(page: Page, step: Step, recording: Recording, unit_y: str, unit_f: 
         page.figure(
             figure,
             "What this step leaves",
-            "The predicted error alone. Structure that returns with the motion marks what a further "
+            "The predicted error alone"
+            + (", of the model's linear part" if effects else "")
+            + ". Structure that returns with the motion marks what a further "
             "basis function, or a diagnosis of the recording (ffl diagnose), could still take away.",
         )
     page.footer = f"Written by ffl {__version__}."

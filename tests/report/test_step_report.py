@@ -245,6 +245,21 @@ def test_a_model_without_effects_foretells_without_them(files, tmp_path):
     assert "with its effects" not in page
 
 
+def test_with_effects_the_headline_is_what_they_leave(files, tmp_path):
+    """Friction that the basis lacks: the linear part, which the step learns with, does not foretell it."""
+    text = (ROOT / "plants" / "emps.toml").read_text()
+    friction = '[[effects]]\nname = "coulomb_friction"\nparameters = { level = 20.0 }\n'
+    (tmp_path / "rubs.toml").write_text(f"{text}\n{friction}")
+    assert execute([*files, "--model", "rubs.toml", "--out", "one"]) == 0
+    answer = json.loads((tmp_path / "one" / "answer.json").read_text())
+    after = answer["foretold"][0]["after"]
+    assert after > 2 * answer["predicted_error_norm"] / np.sqrt(3000)
+    facts = (tmp_path / "one" / "report.html").read_text().split('class="facts"')[1][:800]
+    assert f"{after:.3g}</span>" in facts
+    assert "next error foretold with effects, RMS [m]" in facts
+    assert "predicted next error" not in facts
+
+
 def test_what_is_documented_as_zero_has_no_relative_error(files, tmp_path, capfd):
     path = tmp_path / "basis.toml"
     path.write_text(path.read_text() + "velocity = 0.0\n")
