@@ -178,6 +178,7 @@ def _plant(plant: Plant) -> Facts:
 
 def _recording(path: Path, map: Path | None) -> Facts:
     from ffl.recordings import read_recording
+    from ffl.recordings.sampling import examine_time, other_than_mapped
     from ffl.recordings.soundness import soundness
 
     mapping = find_map(str(map), Path()) if map is not None else None
@@ -195,6 +196,11 @@ def _recording(path: Path, map: Path | None) -> Facts:
         if values is not None and np.all(np.isfinite(values)):
             unit = recording.units.get(name, "")
             facts[name] = f"{values.min():.6g} to {values.max():.6g} {unit}".strip()
-    for finding in soundness(recording).findings:
-        facts.setdefault("findings", []).append(f"{finding.severity}: {finding.text}")
+    found = [f"{finding.severity}: {finding.text}" for finding in soundness(recording).findings]
+    if "t" not in recording.missing:  # the mapping's own sample time stands against the column's
+        stamped = examine_time(recording.t).sample_time
+        wrong = other_than_mapped(stamped, recording.sample_time)
+        found = [f"fault: {wrong}", *found] if wrong else found
+    if found:
+        facts["findings"] = found
     return facts

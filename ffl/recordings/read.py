@@ -21,7 +21,7 @@ from ffl.recordings.mapping import (
 )
 from ffl.recordings.readers import open_table
 from ffl.recordings.recording import Array, Recording
-from ffl.recordings.sampling import accepts, examine_time
+from ffl.recordings.sampling import examine_time, other_than_mapped
 from ffl.recordings.table import Table
 from ffl.systems.plant_file import suggest
 
@@ -259,11 +259,8 @@ def _sample_time(
     found = (check_time(t, source, place) if check else examine_time(t)).sample_time
     if given is None:
         return found
-    if check and not accepts(found, given):
-        raise InputError(
-            f"{source}: column t has a sample time of {found:.6g} s, the mapping says {given:.6g} "
-            "s; correct one, or leave t out of the mapping"
-        )
+    if check and (wrong := other_than_mapped(found, given)):
+        raise InputError(f"{source}: {wrong}")
     return given
 
 

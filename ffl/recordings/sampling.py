@@ -137,3 +137,14 @@ def _plain(value: float, uncertainty: float) -> float:
 def accepts(sample_time: float, expected: float) -> bool:
     """True where the two sample times agree within 0.1 %."""
     return abs(sample_time / expected - 1.0) <= SAMPLE_TIME_TOLERANCE
+
+
+def other_than_mapped(found: float, given: float) -> str:
+    """What is wrong where t has the sample time `found` [s] and the mapping gives another; empty where
+    the two agree."""
+    if accepts(found, given):
+        return ""
+    return (
+        f"column t has a sample time of {found:.6g} s, the mapping says {given:.6g} s; correct one, or "
+        "leave t out of the mapping"
+    )
