@@ -168,6 +168,9 @@ def _plant(plant: Plant) -> Facts:
         facts["largest_closed_loop_pole"] = float(np.abs(plant.loop.poles).max(initial=0.0))
         named = {
             "gain_margin": margins.gain,
+            "gain_margin_hz": margins.gain_frequency if np.isfinite(margins.gain) else np.inf,
+            "gain_reduction_margin": margins.gain_reduction or np.inf,
+            "gain_reduction_margin_hz": margins.gain_reduction_frequency or np.inf,
             "phase_margin_deg": margins.phase,
             "modulus_margin": margins.modulus,
             "crossover_hz": margins.crossover,

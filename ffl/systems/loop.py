@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ffl.errors import InputError
+from ffl.systems.margins import Margins, margins_of
 from ffl.systems.state_space import Array, ComplexArray, StateSpace
 from ffl.systems.zpk import Zpk, as_state_space
 
@@ -46,16 +47,6 @@ class Controller:
 
 
 @dataclass(frozen=True)
-class Margins:
-    """Gain margin (factor), phase margin (deg), modulus margin 1/max|S|, crossover (Hz)."""
-
-    gain: float
-    phase: float
-    modulus: float
-    crossover: float
-
-
-@dataclass(frozen=True)
 class Loop:
     """Closed loop of `plant` and `controller` (None: open loop, u = f).
 
@@ -91,29 +82,32 @@ class Loop:
         return self.system.select([0], [0])
 
     def margins(self, n_frequencies: int = 20000) -> Margins:
-        """Margins of the loop gain L = P C_y read from a dense logarithmic grid up to Nyquist, from 1e-5 of
-        it on or from a decade below the slowest pole of the closed loop, if that is lower."""
+        """Margins of the loop gain L = P C_y, found on a logarithmic grid of `n_frequencies` up to Nyquist,
+        from 1e-5 of it on or from a decade below the slowest pole of the closed loop, if that is lower,
+        and refined between its points."""
         if self.controller is None:
             return Margins(np.inf, np.inf, 1.0, 0.0)
+        plant, output = self.plant, self.controller.output
         nyquist = 0.5 / self.system.sample_time
         slowest = float(
             np.abs(np.log(self.system.poles[self.system.poles != 0.0])).min(initial=np.pi)
         )
         lowest = min(1e-5, 0.1 * max(slowest / np.pi, SLOWEST))
         f = np.geomspace(nyquist * lowest, nyquist * 0.9999, n_frequencies)
-        loop = self.plant.response(f) * self.controller.output.response(f)
-        magnitude = np.abs(loop)
-        crossings = np.nonzero(np.diff(np.sign(magnitude - 1.0)))[0]
-        phase = np.degrees(np.abs(np.angle(-loop[crossings]))).min(initial=np.inf)
-        real_axis = np.nonzero(np.diff(np.sign(loop.imag)))[0]
-        negative = real_axis[(loop.real[real_axis] < 0) & (magnitude[real_axis] < 1)]
-        gain = (1.0 / magnitude[negative]).min(initial=np.inf)
-        return Margins(
-            float(gain),
-            float(phase),
-            float(np.abs(1.0 + loop).min()),
-            float(f[crossings[-1]]) if crossings.size else 0.0,
-        )
+        ends = np.array([0.0, nyquist])
+        with np.errstate(all="ignore"):
+            at_ends = np.concatenate(
+                [_or_none(plant, z) * _or_none(output, z) for z in (1.0, -1.0)]
+            )
+        return margins_of(lambda x: plant.response(x) * output.response(x), f, (ends, at_ends))
+
+
+def _or_none(system: Zpk | StateSpace, z: float) -> ComplexArray:
+    """The response at `z`, NaN on a pole."""
+    try:
+        return np.atleast_1d(system.at(np.array([z])))
+    except (np.linalg.LinAlgError, ZeroDivisionError):
+        return np.array([np.nan], complex)
 
 
 def closed_loop(plant: Zpk | StateSpace, controller: Controller | None) -> Loop:

@@ -42,3 +42,10 @@ def test_a_sample_time_against_the_time_column_is_a_finding_as_it_is_refused(
     assert said in capfd.readouterr().err
     (tmp_path / "m.toml").write_text(f"sample_time = 0.0010005\n{columns}")
     assert "findings" not in inspect(recording, "--map", tmp_path / "m.toml")
+
+
+def test_margins_stand_with_their_frequencies(inspect):
+    facts = inspect("emps")
+    assert facts["gain_margin"] > 1
+    assert facts["crossover_hz"] < facts["gain_margin_hz"]
+    assert "gain_reduction_margin" not in facts  # the gain may vanish

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ffl.errors import InputError
-from ffl.systems import Controller, StateSpace, Zpk, closed_loop, load_plant
+from ffl.systems import Controller, StateSpace, Zpk, closed_loop, load_plant, zero_order_hold
 
 
 @pytest.mark.parametrize("name", ["flatbed_printer", "kernel2018_loop", "emps"])
@@ -52,6 +52,52 @@ def test_margins_of_a_loop_with_known_ones():
     crossover = 2 * np.arcsin(0.25) / (2 * np.pi)
     assert margins.crossover == pytest.approx(crossover, rel=1e-3)
     assert loop.poles == pytest.approx([0.5])
+
+
+def test_margins_are_roots_and_not_points_of_a_grid():
+    """L = k/(z - 1): |L| = 1 at 2 sin(w/2) = k, arg L = -(pi + w)/2, L(-1) = -k/2; 50 points suffice."""
+    for k in (0.5, 0.9):
+        loop = closed_loop(Zpk([], [1.0], k, 1.0), Controller.of_error(Zpk([], [], 1.0, 1.0)))
+        margins = loop.margins(50)
+        w = 2 * np.arcsin(k / 2)
+        assert margins.crossover == pytest.approx(w / (2 * np.pi), rel=1e-12)
+        assert margins.phase == pytest.approx(90 - np.degrees(w / 2), rel=1e-10)
+        assert (margins.gain, margins.gain_frequency) == pytest.approx((2 / k, 0.5), rel=1e-12)
+        assert (margins.gain_reduction, margins.gain_reduction_frequency) == (0.0, 0.0)
+        assert margins.modulus == pytest.approx(1 - k / 2, rel=1e-6)
+
+
+def test_both_limits_of_the_gain_are_those_at_which_the_loop_becomes_unstable():
+    """Stable in between only: the double integrator with integral action of the printer's kind."""
+    plant = Zpk([], [1.0, 1.0], 1e-4, 1e-2)
+    lead = Zpk([0.97, 0.99], [0.4, 1.0], 150.0, 1e-2)
+
+    def largest(factor):
+        scaled = Zpk(lead.zeros, lead.poles, lead.gain * factor, 1e-2)
+        return np.abs(closed_loop(plant, Controller.of_error(scaled)).poles).max()
+
+    margins = closed_loop(plant, Controller.of_error(lead)).margins()
+    assert largest(1.0) < 1
+    assert margins.gain_reduction < 1 < margins.gain < np.inf
+    for factor in (margins.gain, margins.gain_reduction):
+        assert largest(factor) == pytest.approx(1.0, abs=1e-7)
+    assert 0 < margins.gain_reduction_frequency < margins.crossover < margins.gain_frequency
+
+
+def test_the_phase_margin_stands_with_its_own_crossover():
+    """A resonance crosses |L| = 1 three times; the least phase margin is not at the last."""
+    mode = -10.0 + 502.5j
+    plant = zero_order_hold([-12566.4], [0, 0, mode, mode.conjugate()], 3351.0, 5e-4)
+    controller = zero_order_hold([-16.755, -5.0265], [0, -301.593], 87.047, 5e-4)
+    margins = closed_loop(plant, Controller.of_error(controller)).margins()
+    f = np.geomspace(1.0, 900.0, 400_000)
+    gain = plant.response(f) * controller.response(f)
+    crossings = np.flatnonzero(np.diff(np.sign(np.abs(gain) - 1)))
+    phases = np.abs(np.degrees(np.angle(-gain[crossings])))
+    assert len(crossings) == 3
+    assert np.argmin(phases) == 1
+    assert margins.phase == pytest.approx(phases[1], abs=0.05)
+    assert margins.crossover == pytest.approx(f[crossings[1]], rel=1e-4)
 
 
 def test_unstable_loops_and_algebraic_loops_are_refused():
