@@ -19,6 +19,7 @@ from ffl.campaign.config import (
 from ffl.campaign.forms import StepForm
 from ffl.campaign.reference import find_map, find_recording
 from ffl.campaign.store import read_results
+from ffl.effects.stated_mass import mass_said
 from ffl.errors import InputError
 from ffl.machines import SimulatedMachine, linear_part
 from ffl.systems import Plant, load_plant
@@ -48,10 +49,14 @@ def check_file(path: Path) -> str:
     if kind == "campaign":
         campaign = load_campaign(path)
         check_campaign(campaign)
-        return (
+        said = (
             f"campaign '{campaign.name}' is sound: {len(campaign.runs)} runs of {campaign.trials} "
             f"trials, {len(campaign.reference)} samples"
         )
+        for key, plant in (("model", campaign.model), ("machine", campaign.machine)):
+            if wrong := mass_said(plant):
+                said += f"; note: {key}: {wrong}"
+        return said
     if kind == "plant":
         plant = load_plant(path)
         try:
@@ -64,7 +69,8 @@ def check_file(path: Path) -> str:
         except InputError as error:
             raise InputError(f"{path}: with its linear [[effects]], {error}") from None
         loop = "closed loop stable" if plant.controller is not None else "open loop"
-        return f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
+        said = f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
+        return f"{said}; note: {wrong}" if (wrong := mass_said(plant)) else said
     if kind == "step":
         try:
             return _check_step(load_step(path), path.parent)
@@ -162,6 +168,8 @@ def _plant(plant: Plant) -> Facts:
         "zeros_outside_unit_circle": int(np.sum(np.abs(system.zeros) > 1)),
         "effects": [effect.name for effect in plant.effects],
     }
+    if wrong := mass_said(plant):
+        facts["note"] = wrong
     if plant.controller is not None:
         margins = plant.loop.margins()
         facts["closed_loop_stable"] = plant.loop.is_stable

@@ -167,6 +167,7 @@ def init_folder(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: exists and is not empty; give a new folder")
     name = re.sub(r"[^a-z0-9_]+", "_", folder.resolve().name.lower()).strip("_") or "campaign"
     machine = PLANT.replace("gain = 5.0e-8", "gain = 4.8e-8 # 4 % heavier than the model")
+    machine = machine.replace("a mass of 10 kg", "a mass of 10.42 kg").replace("10.0 #", "10.42 #")
     files = {
         f"{name}.toml": CAMPAIGN.format(name=name),
         f"{name}_model.toml": PLANT.format(name=f"{name}_model"),

@@ -4,52 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ffl import __version__
 from ffl.bases import FreeSignal
 from ffl.campaign.config import load_step, run_parts
 from ffl.campaign.reference import find_map, find_recording
-from ffl.effects import is_speed
 from ffl.errors import InputError
 from ffl.identify.inverse import pull_of_output_noise
 from ffl.identify.linear.signals import as_signals
 from ffl.recordings import Recording, read_recording
-from ffl.report.page import Page, drawing, subplots
+from ffl.report.identified import Found, Task, identified_page
+from ffl.report.identify_linear import linear
+from ffl.report.page import drawing, subplots
 from ffl.systems import Plant, load_plant, save_plant
 from ffl.systems.atomic import require_own, write_text
 from ffl.systems.plant_file import suggest
 from ffl.systems.toml_text import inline
-
-
-@dataclass(frozen=True)
-class Task:
-    """What the command line gave, read and checked."""
-
-    recordings: tuple[Recording, ...]
-    model: Plant | None
-    basis: Path | None
-    n_ac: int
-    n_c: int
-    orders: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Found:
-    """JSON facts, the page, and the plant (forward model) or the basis table (inverse) for a campaign.
-
-    `notes`: what must be said with the answer, in sentences.
-    """
-
-    facts: dict[str, Any]
-    page: Page
-    notes: tuple[str, ...] = ()
-    plant: Plant | None = None
-    basis: dict[str, Any] | None = None
 
 
 def _one(task: Task, method: str) -> Recording:
@@ -94,7 +67,7 @@ def _taps(task: Task, method: str, estimator: Any) -> Found:
     for name in ("poles_", "outside_"):
         if hasattr(fitted, name):
             facts[name.rstrip("_")] = [[p.real, p.imag] for p in getattr(fitted, name)]
-    page = _page(method, recording)
+    page = identified_page(method, recording)
     frequencies = np.geomspace(0.5 / len(recording), 0.5, 400) / recording.sample_time
     with drawing():
         figure, axes = subplots(8.6, 5.6, 2, 1)
@@ -173,7 +146,7 @@ def _bayes(task: Task) -> Found:
         "noise_ratio": found.noise_ratio,
         "lack_of_fit_p": found.lack_of_fit,
     }
-    page = _page("bayes", recording)
+    page = identified_page("bayes", recording)
     page.section("Posterior").facts(
         [
             ("status", found.status),
@@ -223,7 +196,7 @@ def _instrumental(task: Task) -> Found:
         "rank": int(fitted.rank_),
         "instrument_strength": float(fitted.instrument_strength_),
     }
-    page = _page("instrumental", recording)
+    page = identified_page("instrumental", recording)
     page.section("Inverse").table(
         ["parameter", "value", "standard error"],
         [[p["name"], p["value"], p["std_error"]] for p in facts["parameters"]],
@@ -236,61 +209,8 @@ def _instrumental(task: Task) -> Found:
     return Found(facts, page, basis={"kind": "combination", "basis": inner, "theta": theta})
 
 
-def _linear(task: Task) -> Found:
-    from ffl.identify.linear import best_linear
-    from ffl.report import linear_figures as draw
-
-    controller = task.model.controller if task.model is not None else None
-    model = best_linear(task.recordings, task.orders, controller=controller, feedthrough=None)
-    first = task.recordings[0]
-    units = first.units
-    plant = model.plant("identified", units.get("u", ""), units.get("y", ""), with_load=True)
-    page = _page("linear", first)
-    summary = model.summary()
-    summary = {"criterion": summary.pop("method"), **summary}
-    if (load := model.constant_load(is_speed(plant.output_unit))) is not None:
-        summary |= {"constant_load": load[0], "constant_load_std_error": load[1]}
-    page.section("Model").facts(
-        [
-            ("order", summary["order"]),
-            ("error of the free run (NRMSE)", summary["nrmse"]),
-            ("residual white, p", summary["whiteness_p"]),
-        ]
-    )
-    with drawing():
-        figure, axes = subplots(8.6, 3.6, 1, 2)
-        draw.order_ladder(axes[0], model)
-        model.plot(axes[1])
-    page.figure(
-        figure,
-        "Order by held-out error, poles and zeros",
-        "The chosen order is the smallest whose held-out error is as good as the best; a curve of "
-        "the estimation data that falls on is fitting noise.",
-    )
-    f = np.geomspace(1.0 / first.duration, 0.499 / first.sample_time, 400)
-    with drawing():
-        figure, axes = subplots(8.6, 6.0, 2, 1)
-        draw.magnitude_band(axes[0], f, model.response(f), model.response_std(f))
-        draw.fit_overlay(axes[1], model.overlay(first), units.get("y", ""))
-    page.figure(
-        figure,
-        "Frequency response and free run",
-        "Magnitude with its 95 % band, and the model's free-running simulation over the recording.",
-    )
-    with drawing():
-        figure, axes = subplots(8.6, 2.8, 1, 2)
-        draw.residual_correlations(axes, model)
-    page.figure(
-        figure,
-        "What the model leaves",
-        "Bars beyond the band: structure the model leaves in the residual, or (right) response to "
-        "the input that it misses; `ffl diagnose` asks what it is.",
-    )
-    return Found(summary, page, model.remarks, plant)
-
-
 METHODS: dict[str, Callable[[Task], Found]] = {
-    "linear": _linear,
+    "linear": linear,
     "least_squares": _least_squares,
     "kernel": _kernel,
     "rational": _rational,
@@ -314,15 +234,6 @@ def _fed_back(recording: Recording) -> bool:
     if np.ptp(recording.r) == 0 or "u" in recording.missing:
         return False
     return float(np.std(recording.f)) < 0.5 * float(np.std(recording.u))
-
-
-def _page(method: str, recording: Recording) -> Page:
-    page = Page(
-        f"Identification: {method}",
-        f"From {recording.source}: {len(recording)} samples of {recording.sample_time * 1e3:g} ms.",
-    )
-    page.footer = f"Written by ffl {__version__}."
-    return page
 
 
 def finite(value: Any) -> Any:
