@@ -389,7 +389,8 @@ def test_identify_writes_its_answer(method, stage_recording, tmp_path, capfd):
     answer = json.loads(capfd.readouterr().out)
     assert answer == json.loads((out / "answer.json").read_text())
     assert answer["method"] == method
-    idle = ["--order"] if method == "least_squares" else ["--n-ac", "--n-c"]
+    but = "--model but for its sample time: it knows no controller"
+    idle = [but, "--order"] if method == "least_squares" else ["--n-ac", "--n-c"]
     assert [n for n in answer["notes"] if "no use" in n] == [
         f"{method} makes no use of {option}" for option in idle
     ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +20,12 @@ from ffl.campaign.config import (
 )
 from ffl.campaign.forms import StepForm
 from ffl.campaign.reference import find_map, find_recording
+from ffl.campaign.signals import read_dataset
 from ffl.campaign.store import read_results
 from ffl.effects.stated_mass import mass_said
 from ffl.errors import InputError
 from ffl.machines import SimulatedMachine, linear_part
+from ffl.recordings.readers import READERS
 from ffl.systems import Plant, load_plant
 from ffl.systems.plant_file import find_plant, read_toml
 
@@ -45,6 +49,10 @@ def check_file(path: Path) -> str:
     """Checks a campaign, plant or step file as `ffl run` would; one sentence where it is sound."""
     if not path.is_file() and not path.is_dir() and path.suffix != ".toml":
         path = find_plant(str(path))
+    if path.is_file() and path.suffix.lower() in READERS:
+        raise InputError(
+            f"{path}: is a recording by its ending, and check reads TOML; what it holds says ffl inspect"
+        )
     kind = kind_of(read_toml(path), path)
     if kind == "campaign":
         campaign = load_campaign(path)
@@ -53,6 +61,8 @@ def check_file(path: Path) -> str:
             f"campaign '{campaign.name}' is sound: {len(campaign.runs)} runs of {campaign.trials} "
             f"trials, {len(campaign.reference)} samples"
         )
+        tables = tomllib.loads(campaign.resolved["campaign.toml"])["runs"]
+        said += _repeated([(f"runs[{i}].", run["basis"]) for i, run in enumerate(tables)])
         for key, plant in (("model", campaign.model), ("machine", campaign.machine)):
             if wrong := mass_said(plant):
                 said += f"; note: {key}: {wrong}"
@@ -67,7 +77,7 @@ def check_file(path: Path) -> str:
         try:
             linear_part(plant).require_stable()
         except InputError as error:
-            raise InputError(f"{path}: with its linear [[effects]], {error}") from None
+            raise InputError(f"{path}: {_culprit(plant)}{error}") from None
         loop = "closed loop stable" if plant.controller is not None else "open loop"
         said = f"plant '{plant.name}' is sound: {loop}, {len(plant.effects)} effects"
         return f"{said}; note: {wrong}" if (wrong := mass_said(plant)) else said
@@ -82,6 +92,31 @@ def check_file(path: Path) -> str:
     return "mapping is sound"
 
 
+def _culprit(plant: Plant) -> str:
+    """The first effect with which the loop, stable without, is stable no more."""
+    for index, spec in enumerate(plant.effects):
+        try:
+            linear_part(replace(plant, effects=plant.effects[: index + 1])).require_stable()
+        except InputError:
+            return (
+                f"effects[{index}] ({spec.name}) takes the loop, stable without it, its stability; "
+                "mend its parameters, or the [controller]: "
+            )
+    return ""
+
+
+def _repeated(runs: Sequence[tuple[str, Any]]) -> str:
+    """A note on tables of a run's basis that are there twice: the data cannot share theta out."""
+    for where, tables in runs:
+        for k, table in enumerate(tables if isinstance(tables, list) else ()):
+            if table in tables[:k]:
+                return (
+                    f"; note: {where}basis[{k}] repeats basis[{tables.index(table)}]: no trial tells their "
+                    "parameters apart; leave one out"
+                )
+    return ""
+
+
 def _check_step(form: StepForm, folder: Path) -> str:
     """Which model it is for, only `ffl step` is told: what follows from its effects is left out, and
     the sample time is that of the plants that the file names itself (any serves where there is none)."""
@@ -94,7 +129,7 @@ def _check_step(form: StepForm, folder: Path) -> str:
     form = form.model_copy(update={"basis": known})
     count = run_parts(form, sample_time, folder=folder)[0].n_parameters
     rest = " and those of the model's effects" if len(known) < len(tables) else ""
-    return f"step file is sound: {count} parameters{rest}"
+    return f"step file is sound: {count} parameters{rest}{_repeated([('', form.basis)])}"
 
 
 def inspect_file(path: Path, map: Path | None = None) -> Facts:
@@ -114,7 +149,25 @@ def inspect_file(path: Path, map: Path | None = None) -> Facts:
         return {"kind": kind, "says": check_file(path)}
     if path.suffix == "" and not path.exists():
         return _plant(load_plant(str(path)))
+    if map is None and path.suffix == ".h5" and (path.parent / "results.json").is_file():
+        return _signals(path)
     return _recording(path, map)
+
+
+def _signals(path: Path) -> Facts:
+    """The signals of a run, one row a trial, and how a trial is read as a recording."""
+    trials = len(read_dataset(path, "error_norm"))
+    row = (
+        ' = {{ name = "{0}", index = {1} }}' if trials > 1 else ' = "{0}"'
+    )  # one trial is one column
+    columns = ", ".join(c + row.format(c, trials - 1) for c in "fuy")
+    return {
+        "kind": "signals of a run",
+        "trials": trials,
+        "samples": len(read_dataset(path, "time")),
+        "as a recording": f'--map FILE with [columns] t = "time", r = "reference", {columns}; index '
+        "0 is the first trial",
+    }
 
 
 def _folder(path: Path) -> Facts:

@@ -133,11 +133,11 @@ class Effect:
 
     def parameter(self, name: str) -> Parameter:
         """The parameter `name`, or `InputError` with a suggestion."""
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        known = [parameter.name for parameter in self.parameters]
-        raise InputError(f"effect {self.name}: unknown parameter '{name}'; {suggest(name, known)}")
+        if name in (known := [parameter.name for parameter in self.parameters]):
+            return self.parameters[known.index(name)]
+        own = {"side", "mass_ratio", *self.options}
+        said = "it stands beside parameters" if name in own else suggest(name, known)
+        raise InputError(f"effect {self.name}: unknown parameter '{name}'; {said}")
 
     def check(self, spec: EffectSpec) -> dict[str, Any]:
         """The parameters of `spec`, complete and within bounds, else `InputError` in one line."""

@@ -25,6 +25,8 @@ from ffl.recordings.sampling import examine_time, other_than_mapped
 from ffl.recordings.table import Table
 from ffl.systems.plant_file import suggest
 
+NO_Y = "no column y in the mapping"
+
 
 def read_recording(
     path: str | Path,
@@ -67,10 +69,11 @@ def read_recording(
         table = open_table(path, rules.header, rules.skip_lines)
         return _build(table, rules, part, bool(known), sample_time, check)
     except InputError as error:
-        used = mapping_file_beside(path) if mapping is None else None
-        if used is None:
-            raise
-        raise InputError(f"{error} (the mapping is {used}, which lies beside it)") from None
+        if mapping is None and (used := mapping_file_beside(path)) is not None:
+            raise InputError(f"{error} (the mapping is {used}, which lies beside it)") from None
+        if isinstance(mapping, str | Path) and NO_Y in str(error):
+            raise InputError(f"{error} (the mapping is {mapping})") from None
+        raise
 
 
 def read_recordings(
@@ -135,7 +138,8 @@ def _build(
     for c, x in signals.items():
         check_finite(x, c, source, place)
     given = part.sample_time or (sample_time if "t" not in signals else None)
-    interval = _sample_time(signals.get("t"), given, source, place, check)
+    there = ', or map t = "t": the file has such a column' if table.find("t") else ""
+    interval = _sample_time(signals.get("t"), given, source, place, check, there)
     units = {c: unit for c, column in wanted.items() if (unit := _unit(column, table))}
     recording = Recording.from_signals(
         interval,
@@ -153,7 +157,8 @@ def _build(
 def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
     """The mapped columns, or where nothing is mapped the file's own t, r, f, u, y, d, y_load."""
     notes: tuple[str, ...] = ()
-    if not any(getattr(mapped, c) for c in Columns.model_fields):
+    by_mapping = any(getattr(mapped, c) for c in Columns.model_fields)
+    if not by_mapping:
         own = {c: Column(name=c) for c in Columns.model_fields if table.find(c)}
         used = {table.find(c) for c in own}
         others = [name for name in table.names if name not in used]
@@ -164,6 +169,11 @@ def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
     if absent:
         mapped = mapped.model_copy(update=dict.fromkeys(absent))
         notes = (*notes, f"optional columns not in this file: {', '.join(absent)}")
+    if mapped.y is None and by_mapping:
+        raise InputError(
+            f"{table.source}: {NO_Y}, the measured output; add it to its [columns] "
+            f"(the file has {', '.join(table.names[:12])})"
+        )
     if mapped.y is None:
         there = ", ".join(table.names[:12])
         raise InputError(
@@ -249,11 +259,12 @@ def _sample_time(
     source: str,
     place: Callable[[int], str],
     check: bool,
+    there: str = "",
 ) -> float:
     if t is None:
         if given is None:
             raise InputError(
-                f"{source}: there is no time column t; add it, or give sample_time in a mapping"
+                f"{source}: there is no time column t; add it, or give sample_time in a mapping{there}"
             )
         return given
     found = (check_time(t, source, place) if check else examine_time(t)).sample_time

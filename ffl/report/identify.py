@@ -219,7 +219,10 @@ METHODS: dict[str, Callable[[Task], Found]] = {
 }
 
 
-USES = {"linear": ("--order",), "instrumental": ("--basis",)}  # the others: taps
+USES = {
+    "linear": ("--order", "--model"),
+    "instrumental": ("--basis", "--model"),
+}  # the others: taps
 TAPS, ORDERS = 50, range(1, 9)
 BY_REGRESSION = ("least_squares", "kernel", "rational", "bayes")
 FED_BACK = (
@@ -269,7 +272,7 @@ def identify_with_report(
     Taps are `TAPS` to either side, orders `ORDERS` unless given; what `method` does not use is noted."""
     if method not in METHODS:
         raise InputError(f"identify '{method}': {suggest(method, list(METHODS))}")
-    given = {"--basis": basis, "--n-ac": n_ac, "--n-c": n_c, "--order": orders}
+    given = {"--model": model, "--basis": basis, "--n-ac": n_ac, "--n-c": n_c, "--order": orders}
     idle = [
         option
         for option, value in given.items()
@@ -292,7 +295,8 @@ def identify_with_report(
     )
     found = METHODS[method](Task(recordings, plant, basis, n_ac, n_c, tuple(orders or ORDERS)))
     notes = list(found.notes)
-    notes += [f"{method} makes no use of {option}" for option in idle]
+    but = {"--model": " but for its sample time: it knows no controller"}
+    notes += [f"{method} makes no use of {option}{but.get(option, '')}" for option in idle]
     if method in BY_REGRESSION and _fed_back(recordings[0]):
         notes.append(FED_BACK)
     if method == "linear" and (unseen := _at_limits(recordings, plant)):

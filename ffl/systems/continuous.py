@@ -21,7 +21,7 @@ def zero_order_hold(
     """
     continuous = Zpk(np.asarray(zeros, complex), np.asarray(poles, complex), gain, sample_time)
     if continuous.relative_degree < 0:
-        raise InputError("more zeros than poles: a plant or controller must be proper")
+        raise InputError("more zeros than poles, so it needs the future; add poles")
     ss = continuous.state_space()
     n = ss.order
     block = np.zeros((n + 1, n + 1))

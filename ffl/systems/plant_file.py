@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ffl.errors import InputError
 from ffl.systems.atomic import write_text
 from ffl.systems.continuous import zero_order_hold
+from ffl.systems.findings import of_the_member_meant, plainly
 from ffl.systems.loop import Controller
 from ffl.systems.plant import EffectSpec, Imperfections, Physics, Plant
 from ffl.systems.state_space import StateSpace
@@ -49,7 +50,7 @@ class ZpkForm(Strict):
             if self.form == "zpk":
                 system = Zpk(zeros, poles, self.gain, sample_time, self.delay)
                 if system.relative_degree < 0:
-                    raise InputError("more zeros than poles: a plant or controller must be proper")
+                    raise InputError("more zeros than poles, so it needs the future; add poles")
                 return system
             held = zero_order_hold(zeros, poles, self.gain, sample_time)
         except InputError as error:
@@ -187,7 +188,9 @@ def explain(error: ValidationError, form: Any, file: str) -> InputError:
     # A wrong tag is the cause; that its keys are then unknown to the other members follows from it.
     # Of the members of a union the one whose length alone is wrong says more than the others.
     order = ("union_tag_invalid", "union_tag_not_found", "extra_forbidden", "too_long", "too_short")
-    finding = min(error.errors(), key=lambda f: (*order, f["type"]).index(f["type"]))
+    finding = min(
+        of_the_member_meant(error.errors()), key=lambda f: (*order, f["type"]).index(f["type"])
+    )
     location = tuple(step for step in finding["loc"] if "tagged-union" not in str(step))
     path, known = _place(form, location)
     if finding["type"] in order[:2]:
@@ -205,8 +208,7 @@ def explain(error: ValidationError, form: Any, file: str) -> InputError:
         return InputError(f"{file}: key '{path}' is missing; add it")
     given = finding.get("input")
     shown = f" = {given!r}" if isinstance(given, (int, float, str, bool)) else ""
-    message = str(finding["msg"]).replace("\n", " ")
-    return InputError(f"{file}: {path}{shown}: {message}")
+    return InputError(f"{file}: {path}{shown}: {plainly(str(finding['msg']))}")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

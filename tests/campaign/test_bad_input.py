@@ -68,7 +68,7 @@ def test_a_missing_reference_column_is_named_with_those_that_are_there(write_cam
             "error = [1.0, 2.0]",
             "small.toml: runs[0] (derivatives): weights.error has 2",
         ),
-        ("trials = 3", "trials = true", "trials = True: Input should be a valid integer"),
+        ("trials = 3", "trials = true", "trials = True: must be a whole number"),
         ("duration = 0.5", 'duration = "0.5"', "reference.duration = '0.5'"),
     ],
 )
@@ -229,7 +229,7 @@ FRICTION = '[[effects]]\nname = "coulomb_fritcion"\nparameters = { level = 1.0 }
         (
             'form = "zpk"\nzeros = [0.98]\npoles = [0.75]',
             'form = "czpk"\nzeros = [-1.0, -2.0]\npoles = [-3.0]',
-            "controller: more zeros than poles: a plant or controller must be proper",
+            "controller: more zeros than poles, so it needs the future; add poles",
         ),
     ],
 )

@@ -1,15 +1,18 @@
 """What `ffl inspect` and `ffl check` say of files that can be read and do not fit."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from ffl.campaign import load_campaign, run_campaign
 from ffl.cli import execute
 from ffl.effects.stated_mass import mass_said
-from ffl.recordings import Recording, write_recording
+from ffl.recordings import Recording, read_recording, write_recording
 from ffl.systems import load_plant
 
 T = 1e-3
@@ -92,3 +95,99 @@ def test_the_example_of_init_states_its_own_masses(tmp_path, capfd):
         plant = load_plant(tmp_path / "stage" / path)
         zero, gain = -1.0, plant.system.gain
         assert plant.physics.mass == pytest.approx(T**2 / (gain * (1 - zero)), rel=1e-3) == mass
+
+
+@pytest.fixture
+def refuse(capfd, tmp_path):
+    def run(*args):
+        capfd.readouterr()
+        assert execute([str(a) for a in args]) == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        return line
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("poles = [0.75]\ngain = 5.0e5", "poles = [0.75]", "key 'controller.gain' is missing"),
+        ("gain = 5.0e5", "gain = true", "controller.gain = True: must be a number"),
+        (
+            "[machine]",
+            '[[effects]]\nname = "hysteresis"\n[effects.parameters]\nside = "motor"\n[machine]',
+            "effects[0]: effect hysteresis: unknown parameter 'side'; it stands beside parameters",
+        ),
+        (
+            "[machine]",
+            '[[effects]]\nname = "linear_stiffness"\nparameters = { stiffness = -1e6 }\n[machine]',
+            "effects[0] (linear_stiffness) takes the loop, stable without it, its stability",
+        ),
+    ],
+)
+def test_a_plants_mistake_says_what_it_is(old, new, says, write_campaign, tmp_path, refuse):
+    write_campaign()
+    path = tmp_path / "model.toml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    assert says in refuse("check", path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("trials = 3", "trials = 0", "trials = 0: must be at least 1"),
+        (
+            "error = 1.0",
+            'error = { form = "zpk", zeros = [0.5], poles = [], gain = 1.0 }',
+            "weights.error: more zeros than poles, so it needs the future; add poles",
+        ),
+    ],
+)
+def test_a_campaigns_mistake_says_what_it_is(old, new, says, write_campaign, refuse):
+    line = refuse("check", write_campaign((old, new)))
+    assert says in line
+    assert "Input should" not in line
+
+
+def test_a_mappings_mistake_names_the_mapping(recording, tmp_path, refuse):
+    path = tmp_path / "m.toml"
+    path.write_text('[columns]\nt = "t"\nu = "u"\n')
+    line = refuse("inspect", recording, "--map", path)
+    assert "no column y in the mapping, the measured output; add it to its [columns]" in line
+    assert str(path) in line
+    path.write_text('[columns]\nu = "u"\ny = "y"\n')
+    assert 'or map t = "t": the file has such a column' in refuse(
+        "inspect", recording, "--map", path
+    )
+    path.write_text('rows = [5, 2]\n[columns]\nu = "u"\ny = "y"\n')
+    line = refuse("check", path)
+    assert "rows: give [start] or [start, stop]" in line
+    assert "Value error" not in line
+
+
+def test_check_of_a_recording_points_to_inspect(recording, refuse):
+    assert "is a recording by its ending" in (line := refuse("check", recording))
+    assert "ffl inspect" in line
+
+
+def test_a_basis_that_is_there_twice_is_noted(write_campaign, capfd):
+    table = '{ kind = "fir", preview = 2, lag = 2 }'
+    assert execute(["check", str(write_campaign((table, f"{table}, {table}")))]) == 0
+    assert "; note: runs[1].basis[1] repeats basis[0]" in capfd.readouterr().out
+    assert execute(["check", str(write_campaign())]) == 0
+    assert "note" not in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("trials", [1, 3])
+def test_a_stored_trial_is_a_recording(write_campaign, tmp_path, inspect, trials):
+    run_campaign(load_campaign(write_campaign(trials=trials)), tmp_path / "out")
+    facts = inspect(tmp_path / "out" / "fir.h5")
+    assert facts["trials"] == trials
+    columns = facts["as a recording"].split("[columns] ")[1].split(";")[0]
+    path = tmp_path / "trial.toml"
+    path.write_text("[columns]\n" + re.sub(r", (?=[fuyr] =)", "\n", columns))
+    found = read_recording(tmp_path / "out" / "fir.h5", path)
+    with h5py.File(tmp_path / "out" / "fir.h5") as file:
+        np.testing.assert_array_equal(found.y, file["y"][-1])
+        np.testing.assert_array_equal(found.r, file["reference"][()])
