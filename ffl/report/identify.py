@@ -46,7 +46,11 @@ def _fitted(estimator: Any, recording: Recording) -> Any:
 
 BAND_OF = {
     "kernel": " The band is that of the posterior at the learned hyperparameters: it holds for the taps "
-    "that the data see; how small the others are the kernel's decay says, which has an error of its own."
+    "that the data see; how small the others are the kernel's decay says, which has an error of its own.",
+    "rational": " The band takes the chosen poles and their number for true: the search is not in it. "
+    "On 16 realisations of a process whose inverse has one pole, at 1.15, the search added two to four "
+    "more, and the band held 41 % of the taps that have one (standard errors 2.5 times too small in the "
+    "median); look at `least_squares` beside it.",
 }
 
 

@@ -141,3 +141,29 @@ def test_help_says_that_an_instrumental_basis_file_holds_weights(capfd):
     assert execute(["identify", "--help"]) == 0
     said = " ".join(capfd.readouterr().out.replace("│", " ").split())
     assert "TOML with `basis` and `weights`" in said
+
+
+def test_a_load_stands_in_the_answer_with_its_standard_error_or_not_at_all(tmp_path, capfd):
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal(800)
+    clean = lfilter([0.8, -0.4], [1.0, -1.2, 0.35], u + 0.3)
+    for offset in (True, False):
+        y = clean if offset else lfilter([0.8, -0.4], [1.0, -1.2, 0.35], u)
+        data = written(tmp_path / "a.csv", 800, u=u, y=y + 0.05 * rng.standard_normal(800))
+        command = ["identify", "linear", "--data", data, "--order", "2", "--json"]
+        assert execute([*command, "--out", str(tmp_path / "out")]) == 0
+        answer = json.loads(capfd.readouterr().out)
+        assert answer["offset_std_error"] > 0
+        assert ("constant_load" in answer) == offset
+        assert ("constant_load" in (tmp_path / "out" / "plant.toml").read_text()) == offset
+        if offset:
+            assert answer["constant_load_std_error"] < 0.1 * answer["constant_load"]
+
+
+def test_the_band_of_a_search_says_what_it_leaves_out(tmp_path):
+    data, out = written(tmp_path / "a.csv", 800), tmp_path / "found"
+    for method in ("rational", "least_squares"):
+        command = ["identify", method, "--data", data, "--n-ac", "6", "--n-c", "6"]
+        assert execute([*command, "--out", str(out)]) == 0
+        said = "the search is not in it" in (out / "report.html").read_text()
+        assert said == (method == "rational")
