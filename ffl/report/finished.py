@@ -103,7 +103,8 @@ def cumulative_power(signal: Array, sample_time: float) -> tuple[Array, Array]:
 
 
 def pre_actuation(feedforward: Array, start: int, threshold: float = 1e-3) -> int:
-    """Samples before `start` in which |f| exceeds `threshold` of its peak."""
-    peak = float(np.abs(feedforward).max(initial=0.0))
-    early = np.flatnonzero(np.abs(feedforward[:start]) > threshold * peak)
+    """Samples before `start` in which f differs from its first value, what holds the machine at rest, by
+    more than `threshold` of the most that it ever does."""
+    moved = np.abs(feedforward - feedforward[0])
+    early = np.flatnonzero(moved[:start] > threshold * float(moved.max()))
     return int(start - early[0]) if len(early) else 0

@@ -20,6 +20,7 @@ from ffl.systems import Plant, StateSpace, Zpk, as_zpk
 from ffl.systems.state_space import Array
 
 PAPER = "the 2018 printer paper"
+IN_A_ROW = 4  # runs of a legend that stand beside one another within the figure's width
 AT_ONE = 1e-6  # distance of a zero from 1 that rounding alone makes
 
 
@@ -117,7 +118,7 @@ def _summary(page: Page, runs: Sequence[FinishedRun]) -> None:
         page.table(
             ["‖e_last‖ of … is below that of", *(run.label for run in runs)],
             rows,
-            "1 − ‖e_last‖ of the row / ‖e_last‖ of the column; negative: larger."
+            "1 − ‖e_last‖ of the row / ‖e_last‖ of the column; negative: larger, from twice on as a ratio."
             + (
                 " The paper's real printer gave 45 % for OBF below FIR (W_e = 50) and 23 % for "
                 "repeated poles below once (W_e = 1e5); a linear simulation leaves out what limits "
@@ -146,7 +147,9 @@ def _used(run: FinishedRun) -> str:
 
 
 def _below(one: FinishedRun, other: FinishedRun) -> str:
-    return f"{1 - one.error_norm[-1] / other.error_norm[-1]:+.1%}"
+    """By how much the one's last error is below the other's, in per cent; of a larger one the ratio."""
+    ratio = one.error_norm[-1] / other.error_norm[-1]
+    return f"{1 - ratio:+.1%}" if ratio < 2 else f"{ratio:.3g} times as large"
 
 
 def _errors(page: Page, runs: Sequence[FinishedRun]) -> None:
@@ -198,7 +201,10 @@ def _time_domain(page: Page, runs: Sequence[FinishedRun]) -> None:
         axes[0, 1].set_title("around the start of the motion")
         handles = axes[0, 0].get_lines()[: len(runs)]
         figure.legend(
-            handles, [run.label for run in runs], loc="outside lower center", ncols=len(runs)
+            handles,
+            [run.label for run in runs],
+            loc="outside lower center",
+            ncols=min(len(runs), IN_A_ROW),
         )
         told = "; ".join(
             f"{label} {n * campaign.sample_time * 1e3:g} ms" for label, n in early.items()
@@ -207,9 +213,10 @@ def _time_domain(page: Page, runs: Sequence[FinishedRun]) -> None:
             figure,
             "Error and feedforward of the last trial",
             "Dotted lines: start and end of the motion. Left of the first one the reference is "
-            "still at rest; feedforward that is not zero there is pre-actuation, which a plant with "
-            "zeros outside the unit circle needs. Above a thousandth of its peak, f begins before "
-            f"the motion by: {told}. Counterpart of Figure 8 of {PAPER}, where non-causal functions "
+            "still at rest; feedforward that changes there is pre-actuation, which a plant with zeros "
+            "outside the unit circle needs. By more than a thousandth of its largest change, f leaves its "
+            f"first value before the motion by: {told}. Counterpart of Figure 8 of {PAPER}, where "
+            "non-causal functions "
             "pre-actuate without limit and FIR by its three samples of preview.",
         )
 
@@ -229,6 +236,8 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
         response = run.response(frequencies)
         if response is not None and run.trials > 1:
             inverses.append((index, f"1/F, {run.label}", 1.0 / response))
+    drawn = {index for index, _, _ in inverses}
+    left_out = [run.label for index, run in enumerate(runs) if index not in drawn]
     f, total = cumulative_power(np.diff(campaign.reference, 2), t)
     share = total / total[-1]
     band = (max(float(f[np.searchsorted(share, 0.005)]), frequencies[0]),
@@ -251,7 +260,12 @@ def _plant(page: Page, runs: Sequence[FinishedRun]) -> None:
             "Shaded: the band that holds 99 % of the power of the reference's acceleration; "
             f"outside it ({band[0]:.2g} to {band[1]:.2g} Hz) nothing asks F to be right. Where a "
             "zero pair lies outside the unit circle the magnitude dips while the phase lags by a "
-            f"further 180 degrees. Counterpart of Figures 2 and 9 (top) of {PAPER}.",
+            f"further 180 degrees. Counterpart of Figures 2 and 9 (top) of {PAPER}."
+            + (
+                f" Not drawn: {', '.join(left_out)} (no filter of the reference, or nothing learned yet)."
+                if left_out
+                else ""
+            ),
         )
         short, long = round(0.12 / t) if t < 0.02 else 30, round(1.0 / t) if t < 0.02 else 200
         response = campaign.model.system.impulse_response(long)

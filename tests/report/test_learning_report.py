@@ -40,6 +40,8 @@ def test_motion_and_pre_actuation():
     assert pre_actuation(feedforward, 100) == 40
     assert pre_actuation(feedforward, 50) == 0
     assert pre_actuation(np.zeros(250), 100) == 0
+    assert pre_actuation(feedforward + 5.0, 100) == 40  # a load that is held at rest is none
+    assert pre_actuation(np.full(250, 5.0), 100) == 0
     assert motion_interval(np.zeros(5), 0.1) == (0.0, 0.0)
 
 
@@ -76,6 +78,43 @@ def test_the_report_holds_every_figure(write_campaign, tmp_path):
     for run in read_folders([tmp_path / "out"]):
         assert f"<td>{run.label}</td>" in text
         assert f"{run.error_norm[-1]:.4g}" in text
+
+
+def test_what_is_not_drawn_is_named_and_a_large_ratio_is_no_percentage(write_campaign, tmp_path):
+    run_with_report(load_campaign(write_campaign()), tmp_path / "out", quiet=True)
+    text = (tmp_path / "out" / "report.html").read_text()
+    assert "Not drawn: free (no filter of the reference" in text
+    errors = {run.label: run.error_norm[-1] for run in read_folders([tmp_path / "out"])}
+    ratio = max(errors.values()) / min(errors.values())
+    assert ratio > 2
+    assert f"<td>{ratio:.3g} times as large</td>" in text
+
+
+def test_the_legend_of_many_runs_stays_within_the_figure(write_campaign, tmp_path, monkeypatch):
+    """Eight runs with the longest names that one row of four may have."""
+    from ffl.report import learning_page
+
+    seen = []
+    plain = learning_page.Page.figure
+
+    def figure(self, drawn, title, caption):
+        if title == "Error and feedforward of the last trial":
+            drawn.canvas.draw()
+            seen.append((drawn.legends[0].get_window_extent(), drawn.bbox))
+        return plain(self, drawn, title, caption)
+
+    monkeypatch.setattr(learning_page.Page, "figure", figure)
+    run = (
+        '[[runs]]\nname = "derivatives_{0}"\nweights = {{ error = 1.0, feedforward = 1e-14 }}\n'
+        'basis = [{{ kind = "derivatives", orders = ["velocity"] }}]\n'
+    )
+    path = write_campaign(trials=2)
+    head = path.read_text()
+    path.write_text(head[: head.index("[[runs]]")] + "".join(run.format(k) for k in range(8)))
+    run_with_report(load_campaign(path), tmp_path / "out", quiet=True)
+    ((legend, whole),) = seen
+    assert legend.x0 >= whole.x0
+    assert legend.x1 <= whole.x1
 
 
 def test_folders_are_compared(write_campaign, tmp_path):
