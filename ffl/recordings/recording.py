@@ -14,7 +14,6 @@ Array = np.ndarray
 
 COLUMNS = ("t", "r", "f", "u", "y", "d", "y_load")
 OPTIONAL = ("d", "y_load")
-REQUIRED = ("t", "r", "f", "u", "y")
 
 
 @dataclass(frozen=True, eq=False)

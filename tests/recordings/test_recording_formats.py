@@ -17,8 +17,9 @@ from ffl.recordings import (
     resample_recording,
     write_recording,
 )
-from ffl.recordings.recording import REQUIRED
 from ffl.recordings.stamps import seconds
+
+REQUIRED = ("t", "r", "f", "u", "y")
 
 
 def _csv(path, x):
