@@ -212,9 +212,9 @@ class FreeSignalUpdate:
 
     The three terms are three linear systems driven by the change f - f_j; their targets are
     G_e e_j, -G_f f_j and 0, and the minimiser is linear-quadratic tracking: L and l of the cost to go
-    |L x - l|^2 backwards, by a QR a sample, the change forwards. Weights as in `Weights`; W_f + W_df must be positive, because f's last samples,
-    fewer than the plant's relative degree from the end, do not reach the output. Of a model with
-    effects the linear part counts, as in `NormOptimal`.
+    |L x - l|^2 backwards, by a QR a sample, the change forwards. Weights as in `Weights`; W_f + W_df
+    must be positive, because f's last samples, fewer than the plant's relative degree from the end, do
+    not reach the output. Of a model with effects the linear part counts, as in `NormOptimal`.
     """
 
     def __init__(self, model: Plant, reference: ArrayLike, weights: Weights) -> None:
