@@ -27,9 +27,9 @@ from ffl.challenge import write
 from ffl.challenge.draw import draw_noise, draw_setup, measure
 from ffl.challenge.make import NullCase
 from ffl.challenge.stage import Part, assemble, run
+from ffl.diagnose.contest.dry import level_of
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.dry import level_of
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict.foretold import refitted
