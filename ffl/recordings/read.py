@@ -42,7 +42,8 @@ def read_recording(
     ----------
     path : the file; `file.csv::test` picks the recording `test` where the mapping names several
     mapping : a `Mapping`, a mapping file or the name of a shipped one; without it NAME.map.toml
-        beside the file, and without that the file's own names t, r, f, u, y, d
+        beside the file, and without that the file's own names t, r, f, u, y, d, in a struct or group
+        `rec` as `rec.t` and so on
     name : which of several recordings; otherwise the mapping's `default`
     sample_time : the model's [s]; used where the file has no time, else agreed with within 0.1 %
     check : whether faults of the time column are refused too; without it `soundness` tells them
@@ -155,12 +156,14 @@ def _build(
 
 
 def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
-    """The mapped columns, or where nothing is mapped the file's own t, r, f, u, y, d, y_load."""
+    """The mapped columns, or where nothing is mapped the file's own t, r, f, u, y, d, y_load, those of the
+    one group or struct that has them where none stands by itself."""
     notes: tuple[str, ...] = ()
     by_mapping = any(getattr(mapped, c) for c in Columns.model_fields)
     if not by_mapping:
-        own = {c: Column(name=c) for c in Columns.model_fields if table.find(c)}
-        used = {table.find(c) for c in own}
+        group = "" if table.find("y") else _group(table)
+        own = {c: Column(name=group + c) for c in Columns.model_fields if table.find(group + c)}
+        used = {table.find(group + c) for c in own}
         others = [name for name in table.names if name not in used]
         if others:
             notes = (f"columns not used: {', '.join(others[:10])}",)
@@ -183,6 +186,16 @@ def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:
     if mapped.y.constant is not None:
         raise InputError(f"{table.source}: column y cannot be a constant; map what was measured")
     return mapped, notes
+
+
+def _group(table: Table) -> str:
+    """`rec.` where the one struct or group `rec` has a y, with u or t beside it; nothing where none or
+    several have."""
+    groups = {name.rpartition(".")[0] + "." for name in table.names if "." in name}
+    able = [
+        g for g in groups if table.find(g + "y") and (table.find(g + "u") or table.find(g + "t"))
+    ]
+    return able[0] if len(able) == 1 else ""
 
 
 def _absent(table: Table, column: Column | None) -> bool:

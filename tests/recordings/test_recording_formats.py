@@ -346,6 +346,25 @@ def test_header_from_the_mapping(tmp_path):
         read_recording(tmp_path / "x.mat", rules)
 
 
+def test_the_one_struct_that_holds_a_recording_needs_no_mapping(tmp_path):
+    """As MATLAB users keep what they recorded: `save rec.mat rec`."""
+    t, y = 0.01 * np.arange(60.0), np.sin(np.arange(60.0))
+    rec = {"t": t, "u": 2.0 * y, "y": y, "who": "me"}
+    scipy.io.savemat(tmp_path / "a.mat", {"rec": rec, "gain": 3.0})
+    found = read_recording(tmp_path / "a.mat")
+    np.testing.assert_array_equal(found.y, y)
+    np.testing.assert_array_equal(found.u, 2.0 * y)
+    assert found.sample_time == pytest.approx(0.01)
+    scipy.io.savemat(tmp_path / "b.mat", {"rec": rec, "other": rec})
+    with pytest.raises(InputError, match="no column y"):  # which of the two?
+        read_recording(tmp_path / "b.mat")
+    scipy.io.savemat(tmp_path / "c.mat", {"rec": {"y": y}, "sample_time": 0.01})
+    with pytest.raises(InputError, match="no column y"):  # nor a recording
+        read_recording(tmp_path / "c.mat")
+    scipy.io.savemat(tmp_path / "d.mat", {"rec": rec, "t": t, "u": y, "y": 3.0 * y})
+    np.testing.assert_array_equal(read_recording(tmp_path / "d.mat").y, 3.0 * y)
+
+
 def test_columns_not_used_may_hold_anything(tmp_path):
     path = tmp_path / "x.csv"
     rows = "\n".join(f"{0.01 * k:.2f},n/a,1,{k}" for k in range(20))
