@@ -94,6 +94,7 @@ def with_loose_head(
     short = tuple(shortened(scene, LOOK))
     judging = tuple(shortened(held, LOOK))
     begun, scene = whitened(begun, scene, prior, short)
+    say(f"  {_told(begun)} begun; who is missing beside it?")
     company = Company(regapped(begun, short), short, judging=judging)
     company = joined(company, scene, able, regapped)
     company = formed(exchanged(proven(company, regapped), regapped), regapped)
@@ -105,6 +106,7 @@ def with_loose_head(
         company = proven(company, regapped)
     scene = clocked(scene, company.trials)
     trials = scene.trials
+    say(f"  {_told(company.found)}: fitted to all samples")
     company, found = plainly(company, claimed(polished(company.found, trials), scene), trials)
     found = finer(found, trials)
 
@@ -276,6 +278,13 @@ def closed(found: Slip, trials: tuple[Trial, ...]) -> Slip:
     sample, 970 behind it by halves of one.)"""
     bare = replace(found, model=replace(found.model, effects=found.model.effects[:-1]))
     return finer(refitted(bare, trials), trials)
+
+
+def _told(found: Slip) -> str:
+    """The gap and its company, in words."""
+    *others, _ = found.model.names
+    gap = f"a gap of {found.model.effects[-1].parameters['gap']:.3g}"
+    return f"{gap} beside {', '.join(others)}" if others else gap
 
 
 def brought(found: Slip, scene: Scene) -> float:

@@ -125,6 +125,7 @@ def with_rattling(
         return outcome
     if not brings(begun, scene):
         return outcome
+    say("  a gap foretells what is left: fitted, and who is missing beside it?")
     found = settled(begun, scene, levels)
     brought = beyond_prediction(found, scene)[0]
     if brought < PROMISES or behind(found, scene, standing, COMPANY * brought):

@@ -110,9 +110,15 @@ def test_forces_along_the_motion_are_taken_where_the_machine_is(seen, spec):
 def test_a_play_is_named_with_who_is_missing_beside_it(seen):
     scene, held, model = seen(LATE, PLAY)
     standing = judge(scene, held, model, 4)
-    outcome = with_loose_head(scene, held, Outcome(standing, [], held, {}), model, NOISE)
+    lines: list[str] = []
+    before = Outcome(standing, [], held, {})
+    outcome = with_loose_head(scene, held, before, model, NOISE, lines.append)
     found = outcome.standing
     assert found.predicted
+    assert [line.split(" of ")[0] for line in lines[1:]] == [
+        "  a gap",
+        "  a gap",
+    ]  # it takes minutes
     assert set(found.model.names) >= {"backlash"}
     assert set(found.model.names) <= {"backlash", "input_delay", "actuator_lag"}
     values = {name: value for e in found.model.effects for name, value in e.parameters.items()}
