@@ -145,9 +145,10 @@ def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
     they are believed (`Coordinate.doubt`), beside what the maps do not explain yet: louder than noise, it
     tells them no better than its own size."""
     j = screen.slopes
-    size = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     loud = max(float(np.sqrt(np.mean(left**2))), 1.0)
     belief = loud * np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
+    size = np.linalg.norm(j, axis=0)
+    size = np.where(size > 0.0, size, belief)  # what says nothing goes back to nominal
     stacked = np.vstack([j / size, np.diag(belief / size)])
     target = np.append(left, -belief * model.theta)
     return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size

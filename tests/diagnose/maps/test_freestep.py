@@ -76,3 +76,16 @@ def test_numbers_that_lead_away_are_left_before_a_step_is_made_small(monkeypatch
     assert found is not None
     assert float(found[0].model.theta[0]) == 0.0
     assert float(found[0].parts[0].coefficients[0]) == 1.0
+
+
+def test_numbers_that_show_nothing_go_back_to_nominal_however_far_a_map_ran():
+    """A map ran to 1e86 where the recordings that were looked at say nothing of mass or damping."""
+    coordinates = [SimpleNamespace(doubt=0.03), SimpleNamespace(doubt=1.4)]
+    told = SimpleNamespace(theta=np.array([0.01, -0.2]), coordinates=coordinates)
+    left = np.full(50, 3.7e86)
+    silent = SimpleNamespace(slopes=np.zeros((50, 2)))
+    np.testing.assert_allclose(freestep._numbers(silent, told, left), [-0.01, 0.2])
+    seen = SimpleNamespace(slopes=np.column_stack([np.zeros(50), np.linspace(1.0, 2.0, 50)]))
+    step = freestep._numbers(seen, told, 1e6 * seen.slopes[:, 1])
+    assert step[0] == pytest.approx(-0.01)
+    assert np.all(np.isfinite(step))

@@ -13,7 +13,7 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.predict import parting
 from ffl.diagnose.predict.observer import FIRM, decay_of, led, with_firm_observer
-from ffl.diagnose.predict.parting import clearer, parts
+from ffl.diagnose.predict.parting import clearer, hunts, opened, parts
 from ffl.diagnose.proof.prove import nrmse, run_plant
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
@@ -182,7 +182,7 @@ def test_beside_what_explains_all_by_far_free_runs_say_nothing(
 def _wins(monkeypatch, fitted, held, verdict, after):
     """Whether the observer's diagnosis, so far ahead, is the answer; the model alone leaves 0.3."""
     free, led_by = (
-        SimpleNamespace(proof=None),
+        SimpleNamespace(proof=None, plant=SimpleNamespace(controller=None)),
         SimpleNamespace(verdict=verdict, judged=SimpleNamespace(predicted=False)),
     )
     worth = {id(free): (0.0, 0.0), id(led_by): (fitted, held)}
@@ -192,3 +192,51 @@ def _wins(monkeypatch, fitted, held, verdict, after):
     monkeypatch.setattr(parting, "replace", lambda again, **changed: "led")
     led_by.notes = ()
     return clearer(free, led_by, np.random.default_rng(0)) == "led"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "stated", "known", "asked"),
+    [
+        ("inconclusive", True, True, True),
+        ("partly_explained", True, True, False),
+        ("inconclusive", False, True, False),
+        ("inconclusive", True, False, False),
+    ],
+)
+def test_a_loop_that_did_not_hold_is_asked_along_its_command(
+    spring, stuck, verdict, stated, known, asked
+):
+    one = judged(spring, stuck, ())
+    scene = one.scene
+    if not known:
+        trials = tuple(replace(t, u=np.full_like(t.u, np.nan)) for t in scene.trials)
+        scene = replace(scene, trials=trials)
+    plant = replace(spring, controller=object()) if stated else spring
+    found = SimpleNamespace(judged=replace(one, held=scene), verdict=verdict, plant=plant)
+    assert hunts(found) is asked
+
+
+def test_a_loop_without_its_controller_is_driven_by_its_command(stuck):
+    loop = [replace(r, r=r.y, f=0.1 * r.u) for r in stuck]
+    for before, after in zip(loop, opened(loop), strict=True):
+        np.testing.assert_array_equal(after.f, before.u)
+        assert not after.r.any()
+        assert "r" in after.missing
+
+
+@pytest.mark.parametrize(("controller", "way"), [(None, "an observer"), ("its own", "the command")])
+def test_the_way_it_was_told_is_said(monkeypatch, controller, way):
+    free = SimpleNamespace(proof=None, plant=SimpleNamespace(controller=controller))
+    again = SimpleNamespace(
+        verdict="explained", judged=SimpleNamespace(predicted=False), notes=("before",)
+    )
+    monkeypatch.setattr(
+        parting, "_likelihoods", lambda one: (0.0, 0.0) if one is free else (1e4, 1e4)
+    )
+    monkeypatch.setattr(
+        parting, "_free_proof", lambda *_: SimpleNamespace(nrmse_before=1.0, nrmse_after=0.1)
+    )
+    monkeypatch.setattr(parting, "replace", lambda _, **changed: changed["notes"])
+    first, said = clearer(free, again, np.random.default_rng(0))
+    assert first == "before"
+    assert way in said
