@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
+from ffl.diagnose.contest.dry import BY_DIRECTION, FALLING
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import claims, effect_values, sizes
@@ -23,9 +24,8 @@ from ffl.diagnose.hypothesis.places import POINT
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
-PLAIN = frozenset({"coulomb_friction", "asymmetric_friction", "stribeck_friction"})
+PLAIN = frozenset({"coulomb_friction", BY_DIRECTION, FALLING})
 VISCOUS, DRAG, LOAD = "viscous_friction", "quadratic_drag", "constant_load"
-FALLING = "stribeck_friction"
 STEEPER = (1.0, 0.4)  # of the velocity over which a curve falls
 NEAR = 20.0  # score by which a pair may be behind under the noise of the one that stands
 # Of a Stribeck curve to begin with: static over level, its speed in RMS speeds.
@@ -55,7 +55,7 @@ def two_for_two(
     speed = np.abs(np.concatenate([model.simulate(trial).v for trial in quiet.trials]))
     usual = float(np.sqrt(np.mean(speed**2))) or 1.0
     pairs = [(company, pair) for pair in _pairs(speed, usual, dry, own)]
-    if smooth and dry.name == "asymmetric_friction" and LOAD not in model.names:
+    if smooth and dry.name == BY_DIRECTION and LOAD not in model.names:
         pairs.append((replace(company, corrections=bare), _with_load(usual, dry)))
     if not smooth and dry.name == FALLING:
         within = replace(company, corrections=bare)
@@ -92,7 +92,7 @@ def _pairs(
     beside = EffectSpec(other, {"coefficient": most / usual ** power[other]}, places)
     forms = {
         "coulomb_friction": {"level": level},
-        "asymmetric_friction": {"level_positive": level, "level_negative": level},
+        BY_DIRECTION: {"level_positive": level, "level_negative": level},
         FALLING: _falling(level, usual),
     }
     options = {k: v for k, v in dry.options.items() if k in POINT}
@@ -144,7 +144,7 @@ def _falling(level: float, usual: float) -> dict[str, float]:
 def _dry(spec: EffectSpec, speed: Array) -> Array:
     """Level of a plain form at each `speed`, the mean of both directions."""
     values = spec.parameters
-    if spec.name == "asymmetric_friction":
+    if spec.name == BY_DIRECTION:
         return np.full(len(speed), 0.5 * (values["level_positive"] + values["level_negative"]))
     if spec.name == "coulomb_friction":
         return np.full(len(speed), values["level"])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffl.diagnose.contest.dry import plain_form
+from ffl.diagnose.contest.dry import BY_DIRECTION, FALLING, plain_form
 from ffl.diagnose.contest.evenly import TIE
 from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
 from ffl.diagnose.contest.rounds import Outcome
@@ -27,8 +27,6 @@ LOOP = "hysteresis"
 FREE, LED = (0.1, 0.4), (0.5, 2.0)  # in free runs and led by an observer
 UNSURE = 0.4  # of a stiffness, or of a velocity: its standard error
 EASED = 1.25  # times the held-out squares that plain friction may leave in its place
-FALLING = "stribeck_friction"
-BY_DIRECTION = "asymmetric_friction"
 HOLDING = frozenset(
     {"constant_load", "linear_stiffness", "drift", "gravity_torque", "preloaded_spring"}
 )

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ffl.diagnose.contest.dry import CREEPING, DRY, PLIABLE, level_of, plain_form
+from ffl.diagnose.contest.dry import BY_DIRECTION, CREEPING, DRY, PLIABLE, level_of, plain_form
 from ffl.diagnose.contest.earning import SHARE
 from ffl.diagnose.contest.judging import Judged, credible
 from ffl.diagnose.contest.line import crosses
-from ffl.diagnose.contest.plainest import BY_DIRECTION, CONTACT, in_the_mean, unseen
+from ffl.diagnose.contest.plainest import CONTACT, in_the_mean, unseen
 from ffl.diagnose.contest.rounds import Outcome, Step
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import LITTLE, SUBSTITUTE

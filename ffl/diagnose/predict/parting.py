@@ -46,25 +46,26 @@ def parts(found: Diagnosis) -> bool:
     """Whether free runs leave open what an observer may tell: of a machine without a controller whose
     command and noise are known, nothing of it seen directly."""
     judged = found.judged
-    if judged is None or judged.held is None:
+    if judged is None or found.plant.controller is not None or not _commanded(found):
         return False
     if found.verdict not in UNSETTLED and not _astray(found):
         return False
-    scene, base = judged.scene, judged.model.base
-    if found.plant.controller is not None or base.is_process or scene.plain or judged.model.proven:
-        return False
-    known = all(np.all(np.isfinite(t.u)) for t in (*scene.trials, *judged.held.trials))
-    return known and found.plant.machine.states_noise and base.plant.system is found.plant.system
+    return not judged.model.base.is_process and found.plant.machine.states_noise
 
 
 def hunts(found: Diagnosis) -> bool:
     """Whether the command may tell what free runs of a loop whose controller is stated did not hold to. (A
     valve that sticks makes its level swing for ever: with all numbers right a free run swings as well, and
     soon out of step. It was refused; along the command as recorded it is 1.5994 % of 1.6.)"""
+    unheld = found.verdict == "inconclusive" and found.plant.controller is not None
+    return unheld and _commanded(found)
+
+
+def _commanded(found: Diagnosis) -> bool:
+    """Whether what stands was judged by the plant file's own linear part in noise that a filter describes,
+    its command known and nothing of it seen directly."""
     judged = found.judged
-    if found.verdict != "inconclusive" or judged is None or judged.held is None:
-        return False
-    if found.plant.controller is None or judged.scene.plain or judged.model.proven:
+    if judged is None or judged.held is None or judged.scene.plain or judged.model.proven:
         return False
     known = all(np.all(np.isfinite(t.u)) for t in (*judged.scene.trials, *judged.held.trials))
     return known and judged.model.base.plant.system is found.plant.system
