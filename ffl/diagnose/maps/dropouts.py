@@ -26,7 +26,7 @@ from scipy.signal import fftconvolve
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.maps.freeform import held_gain
+from ffl.diagnose.maps.form import held_gain
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.noise.whitening import Whitener

@@ -16,8 +16,9 @@ import scipy.optimize
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, drive_places
+from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Formula
-from ffl.diagnose.maps.freeform import FreeForm, judged
+from ffl.diagnose.maps.freeform import judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part
 from ffl.diagnose.maps.mapped import FALLING
 from ffl.diagnose.maps.terms import TERMS, ranges_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from ffl.diagnose.hypothesis.fit import Fit, jacobian
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.hypothesis.triangle import triangle
-from ffl.diagnose.maps.mapped import Mapped
+from ffl.diagnose.maps.mapped import BY_POSITION, Mapped
 from ffl.diagnose.maps.terms import Ranges, Term
 from ffl.diagnose.recorded.first_state import behind_sensor, shown_in, start_behind
+from ffl.diagnose.recorded.resting import Pull
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.diagnose.screen.screen import Screen
 from ffl.effects import EFFECTS, Motion
@@ -185,11 +186,17 @@ class FreeModel:
             applied=(ports["force"], side) if side else None, others=self._mapped,
         )  # fmt: skip
 
+    @property
+    def pulls(self) -> tuple[Pull, ...]:
+        """What the maps of the position pull with at standstill."""
+        pulling = [p for p in self.parts if p.term.kind == BY_POSITION]
+        return tuple(Pull(*side_of(p.place), partial(_still, p)) for p in pulling)
+
     def _start(self, trial: Trial) -> Array:
         """The state at the first sample: a loop at rest has brought what a sensor shows to the
         reference, maps at the sensor included; in motion they are part of what was read."""
         simulator = self.model.base.simulator
-        start = start_of(simulator, self.model.acting, trial)
+        start = start_of(simulator, self.model.acting, trial, self.pulls)
         shown = [p for p in self.parts if p.place.port == "output"]
         if shown and self.model.base.keeps_start(trial):
             head = trial.head(shown_in(simulator, len(trial)))
@@ -206,11 +213,17 @@ class FreeModel:
         return behind_sensor(simulator, start, added)
 
 
+def _still(part: Part, position: float) -> float:
+    """Force of the map where the machine stands, input units."""
+    return float(part.signal(Motion.still(position, 1.0))[0])
+
+
 class Running:
     """A model with maps as `starts` runs it."""
 
     def __init__(self, free: FreeModel) -> None:
         self.free, self.base, self.acting = free, free.model.base, free.model.acting
+        self.pulls = free.pulls
 
     def follow(self, trial: Trial) -> Simulation:
         found = self.free.follow(trial)

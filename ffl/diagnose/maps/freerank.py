@@ -30,7 +30,7 @@ from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import Motion
 
 if TYPE_CHECKING:
-    from ffl.diagnose.maps.freeform import FreeForm
+    from ffl.diagnose.maps.form import FreeForm
 
 FAR_BEHIND = 0.05  # of the best evidence: not worth a simulation
 ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps

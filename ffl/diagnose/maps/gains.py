@@ -12,11 +12,13 @@ from ffl.diagnose.contest.judging import OPEN
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import LINE, own_damping, sizes
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.maps.freeform import FAR, FreeForm, held_gain, judged
+from ffl.diagnose.maps.choosing import FAR
+from ffl.diagnose.maps.form import FreeForm, held_gain
+from ffl.diagnose.maps.freeform import judged
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen
 from ffl.diagnose.maps.freestep import ROUNDS, stepped
 from ffl.diagnose.maps.mapped import BY_COMMAND
-from ffl.diagnose.noise.slow import gained_in_own_noise
+from ffl.diagnose.noise.slow import in_own_noise as own_noise
 
 ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
@@ -102,7 +104,8 @@ def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:
     """Log-likelihood that the maps gain where all that either leaves is noise of any colour. (Slow force
     noise is no map: one of the position took 0.3 % off it, 40 nats under white noise and -62 under its own;
     maps of what was missing gain 150 to 1,100.)"""
-    return gained_in_own_noise(scene.like(alone.scene), alone.free, standing)
+    without = own_noise(scene.like(alone.scene), standing)
+    return np.inf if without == -np.inf else own_noise(alone.scene, alone.free) - without
 
 
 def within_the_line(scene: Scene, alone: FreeForm) -> bool:

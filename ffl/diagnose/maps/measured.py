@@ -15,7 +15,8 @@ import numpy as np
 
 from ffl.diagnose.contest.scene import Scene, is_far
 from ffl.diagnose.hypothesis.fit import Fit
-from ffl.diagnose.maps.freeform import FreeForm, bare
+from ffl.diagnose.maps.form import FreeForm
+from ffl.diagnose.maps.freeform import bare
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, motions_of
 from ffl.diagnose.maps.freerank import as_stated, entries_of, measured_view, ranked
 from ffl.diagnose.maps.freestep import traces

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ffl.diagnose.maps.dropouts import Dropouts
+from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Formula
-from ffl.diagnose.maps.freeform import FreeForm
 from ffl.diagnose.maps.freemodel import Part
 from ffl.diagnose.recorded.events import Events
 

@@ -13,10 +13,12 @@ from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.bursts import Heard, heard_in
+from ffl.diagnose.maps.choosing import FAR
 from ffl.diagnose.maps.described import described
 from ffl.diagnose.maps.dropouts import Dropouts, dropouts
 from ffl.diagnose.maps.falling import falling_limits, law
-from ffl.diagnose.maps.freeform import FAR, FreeForm, free_form, held_gain
+from ffl.diagnose.maps.form import FreeForm, held_gain
+from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.gains import (
     MARGIN,
     as_good,

@@ -32,11 +32,12 @@ def gained_in_own_noise(scene: Scene, model: Runs, base: Runs) -> float:
     4 % that lasts half a second was a spring of less than nothing, 100 nats, a hysteresis, 73, a wave of
     0.36 Hz, 61, and a drift, 93: under slow noise of its own -2, 0, -1 and 13. Loads, springs and friction
     that are there kept 80 to 3,200.)"""
+    worth = [in_own_noise(scene, one) for one in (model, base)]
+    return np.inf if worth[1] == -np.inf else worth[0] - worth[1]
+
+
+def in_own_noise(scene: Scene, model: Runs) -> float:
+    """Log-likelihood of what `model` leaves, were it all noise; -inf where it leaves all bounds."""
     own = replace(scene, slowest=0.0) if scene.observed else scene
-    worth = []
-    for one in (model, base):
-        left = own.residuals(one)
-        if left is None:
-            return np.inf if one is base else -np.inf
-        worth.append(own.in_own_noise(left))
-    return worth[0] - worth[1]
+    left = own.residuals(model)
+    return -np.inf if left is None else own.in_own_noise(left)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import Judged, effective
 from ffl.diagnose.contest.line import astray
-from ffl.diagnose.maps.freeform import FreeForm
+from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.outcome import Contest, component_of
 from ffl.diagnose.noise.lost import mean_power
 from ffl.diagnose.noise.noise import Noise, Paths

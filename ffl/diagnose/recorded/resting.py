@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +16,16 @@ FEW, SURELY = 8, 12.0  # samples in which a speed shows, and standard errors by 
 SLOW = frozenset({"position", "time", "temperature"})  # a force by these also acts at standstill
 
 
-def winds(simulator: Simulator, effects: Sequence[EffectSpec]) -> bool:
+@dataclass(frozen=True)
+class Pull:
+    """A force without a name at standstill: `force` (input units) at a position of its point."""
+
+    side: str
+    mass_ratio: float | None
+    force: Callable[[float], float]
+
+
+def winds(simulator: Simulator, effects: Sequence[EffectSpec], pulls: Sequence[Pull] = ()) -> bool:
     """Whether forces at standstill stretch a spring of the plant: in open loop it stands on one, or it
     moves freely as a whole, has modes beside, and something pulls at a point or holds it."""
     modes = simulator.mechanics.modes
@@ -24,7 +34,7 @@ def winds(simulator: Simulator, effects: Sequence[EffectSpec]) -> bool:
     if len(modes) < 2 or not modes[0].rigid:
         return False
     closed = simulator.plant.controller is not None
-    return closed and any(_stands(spec) or _holds(spec) for spec in effects)
+    return closed and (bool(pulls) or any(_stands(spec) or _holds(spec) for spec in effects))
 
 
 def at_speed(y: Array) -> bool:
@@ -49,13 +59,15 @@ def springs_back(simulator: Simulator) -> bool:
 
 
 def wound(
-    simulator: Simulator, effects: Sequence[EffectSpec], command: float, time: float, start: Array
-) -> Array:
+    simulator: Simulator, effects: Sequence[EffectSpec], command: float, time: float, start: Array,
+    pulls: Sequence[Pull] = (),
+) -> Array:  # fmt: skip
     """`start` with the plant's springs in balance at the same output, speed zero:
         A x + b u + sum_j p_j F_j(x, t) + p R = 0,
-    forces F_j of position and slow time alone at their points p_j, `command` u (input units), `time` t
-    (s); dry friction holds with R at its own point, without it the drive does: a move that ends leaves
-    a machine so. In open loop no drive does, and the output is where the forces balance."""
+    forces F_j of position and slow time alone at their points p_j, `pulls` beside them, `command` u
+    (input units), `time` t (s); dry friction holds with R at its own point, without it the drive does: a
+    move that ends leaves a machine so. In open loop no drive does, and the output is where the forces
+    balance."""
     m = simulator.mechanics
     n = m.own
     pull, hold, held = m.b[:n] * command, m.b[:n], not springs_back(simulator)
@@ -71,6 +83,9 @@ def wound(
         still = Motion.still(float(point.position[:n] @ start[:n]), m.sample_time, time)
         force = float(effect.signal(spec, still)[0]) / simulator.force_per_input
         pull = pull + point.force[:n] * force
+    for one in pulls:
+        point = m.point(one.side, one.mass_ratio)
+        pull = pull + point.force[:n] * one.force(float(point.position[:n] @ start[:n]))
     out, a = start.copy(), m.a[:n, :n]
     system, wanted = a, -pull - a @ start[:n]
     if held:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.whitening import Whitener
-from ffl.diagnose.recorded.resting import at_speed, springs_back, winds
+from ffl.diagnose.recorded.resting import Pull, at_speed, springs_back, winds
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.effects.drift import SETTLES
@@ -40,6 +40,19 @@ class Follows(Protocol):
     @property
     def acting(self) -> tuple[EffectSpec, ...]: ...
     def follow(self, trial: Trial) -> Simulation: ...
+
+
+@runtime_checkable
+class Pulls(Protocol):
+    """Who also pulls without a name, at standstill."""
+
+    @property
+    def pulls(self) -> tuple[Pull, ...]: ...
+
+
+def _winds(model: Follows) -> bool:
+    pulls = model.pulls if isinstance(model, Pulls) else ()
+    return winds(model.base.simulator, model.acting, pulls)
 
 
 def with_starts(scene: Scene, model: Follows, rounds: int = MOST) -> Scene:
@@ -75,7 +88,7 @@ def _started(model: Follows, trial: Trial, whitener: Whitener, rounds: int) -> T
 def _adrift(model: Follows, trial: Trial, whitener: Whitener) -> Trial:
     """The trial, or as it begins in motion where its first second says so: nothing holds a machine with
     a dead zone or play where its reference stands still."""
-    wound = winds(model.base.simulator, model.acting)
+    wound = _winds(model)
     if trial.adrift is None or (wound and not at_speed(trial.y)):
         return trial  # what winds springs up, or lets them go, is told apart by `_stood`
     start, doubt = trial.adrift
@@ -103,7 +116,7 @@ def _open(scene: Scene, model: Follows) -> bool:
     """Whether the model has a say in how a recording began."""
     if any(not trial.at_rest or trial.adrift is not None for trial in scene.trials):
         return True
-    return _reach(model) > 0 or winds(model.base.simulator, model.acting)
+    return _reach(model) > 0 or _winds(model)
 
 
 def _stood(model: Follows, trial: Trial, whitener: Whitener) -> Trial:
@@ -115,7 +128,7 @@ def _stood(model: Follows, trial: Trial, whitener: Whitener) -> Trial:
         return _cost(model, replace(head, loaded=start[0], travel=start[1]), whitener)
 
     as_is = (trial.loaded, trial.travel)
-    both = (False, True) if winds(model.base.simulator, model.acting) else (trial.loaded,)
+    both = (False, True) if _winds(model) else (trial.loaded,)
     travels = [trial.travel, *(_reach(model) * share for share in TRAVELS)]
     starts = list(dict.fromkeys([as_is, *product(both, travels)]))
     costs = [cost(start) for start in starts]

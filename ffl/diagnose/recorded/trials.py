@@ -11,7 +11,7 @@ import numpy as np
 from ffl.diagnose.hypothesis.linear import carried
 from ffl.diagnose.recorded.commands import as_limited, asked_for, feedback_of, limit_of
 from ffl.diagnose.recorded.first_state import behind_sensor, in_motion_from
-from ffl.diagnose.recorded.resting import springs_back, winds, wound
+from ffl.diagnose.recorded.resting import Pull, springs_back, winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
 from ffl.effects.motion import Extent
@@ -347,7 +347,9 @@ def _travel(recording: Recording, speed: bool) -> float:
     return float(sign * farthest[np.argmax(back) if back.any() else -1])
 
 
-def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) -> Array:
+def start_of(
+    simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial, pulls: Sequence[Pull] = ()
+) -> Array:
     """`trial.start` in the states of `simulator`, with the plant where the sensor, `effects` included,
     shows what was measured: a loop at rest has brought what it sees to the reference, not what is."""
     start = trial.start
@@ -356,8 +358,8 @@ def start_of(simulator: Simulator, effects: Sequence[EffectSpec], trial: Trial) 
     shown = [(EFFECTS[s.name], s.parameters) for s in effects if EFFECTS[s.name].port == "output"]
     if not trial.at_rest:
         return start
-    if trial.loaded and winds(simulator, effects):
-        start = wound(simulator, effects, trial.holding, trial.start_time, start)
+    if trial.loaded and winds(simulator, effects, pulls):
+        start = wound(simulator, effects, trial.holding, trial.start_time, start, pulls)
     if not shown or simulator.plant.controller is None:
         return start
     return behind_sensor(

@@ -11,7 +11,7 @@ import pytest
 
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.places import Place
-from ffl.diagnose.maps import freeform, unnamed
+from ffl.diagnose.maps import choosing, unnamed
 from ffl.diagnose.maps.depends import needed_variables
 from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.unnamed import _after, _drawn, compare
@@ -117,18 +117,18 @@ def test_what_maps_leave_must_come_in_bursts_plain_to_see(stage, references, sce
 
 def test_a_plainer_map_that_leaves_more_on_the_recordings_that_judge_is_not_as_good(monkeypatch):  # type: ignore[no-untyped-def]
     """A limit that falls with speed for one that does not: 1.48 and 1.73 fitted, 1.66 and 2.75 held out."""
-    monkeypatch.setattr(freeform, "_score", lambda f, current: f.score)
+    monkeypatch.setattr(choosing, "score_of", lambda f, current: f.score)
 
     def left(score, fitted, held):  # type: ignore[no-untyped-def]
         return SimpleNamespace(score=score, cost=fitted, held_cost=held)
 
     best, plainer, far = left(1000.0, 1.48, 1.66), left(990.0, 1.73, 2.75), left(985.0, 2.1, 1.7)
-    assert freeform._no_worse([best, plainer, far], None) == [best]
+    assert choosing.no_worse([best, plainer, far], None) == [best]
     as_good, poor = left(980.0, 1.7, 1.9), left(900.0, 1.4, 1.6)
-    assert freeform._no_worse([poor, best, as_good], None) == [best, as_good]
+    assert choosing.no_worse([poor, best, as_good], None) == [best, as_good]
     # One leaves least where it was fitted, the other where others judge: the better score stays.
-    assert freeform._no_worse([best, left(995.0, 1.0, 9.0)], None) == [best]
-    assert freeform._no_worse([left(995.0, 9.0, 1.0), best], None) == [best]
+    assert choosing.no_worse([best, left(995.0, 1.0, 9.0)], None) == [best]
+    assert choosing.no_worse([left(995.0, 9.0, 1.0), best], None) == [best]
 
 
 def test_heat_is_of_the_command_however_its_blocks_are_moved_about():

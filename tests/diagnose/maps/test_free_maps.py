@@ -13,9 +13,11 @@ from ffl.diagnose.contest.judging import noise_error
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
-from ffl.diagnose.maps import freeform
+from ffl.diagnose.maps import choosing, freeform
+from ffl.diagnose.maps.choosing import earns
+from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost, _proportional
-from ffl.diagnose.maps.freeform import FreeForm, _earns, free_form, judged
+from ffl.diagnose.maps.freeform import free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
 from ffl.diagnose.maps.gains import gains_of, with_the_stated_mass, within_the_line
 from ffl.diagnose.maps.known import hardly_shown, where_known
@@ -91,14 +93,14 @@ def test_recordings_that_hardly_show_a_map_do_not_speak_against_it(stage, refere
     noise = np.random.default_rng(6).standard_normal(3000)
     bare = FreeForm(FreeModel(model), scene, 0.0, noise, noise, np.ones(3000, bool))
     alike = replace(bare, held_white=noise + 0.01 * np.roll(noise, 500))
-    assert _earns(replace(alike, evidence=1000.0), bare)
-    assert not _earns(replace(alike, evidence=100.0), bare)  # it must be sure of itself
+    assert earns(replace(alike, evidence=1000.0), bare)
+    assert not earns(replace(alike, evidence=100.0), bare)  # it must be sure of itself
     worse = replace(bare, held_white=1.5 * noise, evidence=1000.0)
-    assert not _earns(worse, bare)
+    assert not earns(worse, bare)
     bend = 0.2 * np.sin(np.arange(3000) / 30)  # 30 to be expected there
     passed_by = replace(bare, held_white=noise + bend, evidence=1e4)
-    assert _earns(passed_by, bare)
-    assert not _earns(replace(passed_by, evidence=2000.0), bare)
+    assert earns(passed_by, bare)
+    assert not earns(replace(passed_by, evidence=2000.0), bare)
 
 
 def test_what_lies_beyond_the_fitted_stroke_neither_confirms_nor_refutes_a_map(
@@ -124,7 +126,7 @@ def test_a_map_that_leaves_far_more_than_another_is_not_it() -> None:
         SimpleNamespace(cost=cost, held_cost=held)
         for cost, held in ((1.0, 1.0), (9.0, 1.2), (8.0, 8.0))
     )
-    assert freeform._not_far([best, near, far]) == [best, near]
+    assert choosing.not_far([best, near, far]) == [best, near]
 
 
 @pytest.mark.parametrize(("told", "wanted"), [(5.0, 30.0), (60.0, 60.0), (1e6, None)])
@@ -197,9 +199,9 @@ def test_a_map_that_judging_recordings_hardly_show_must_bring_half_of_what_it_ca
     scene, _, model = scenes([run])
     noise = np.random.default_rng(6).standard_normal(3000)
     bare = FreeForm(FreeModel(model), scene, 0.0, noise, noise, np.ones(3000, bool))
-    monkeypatch.setattr(freeform, "_held", lambda *_: held)
-    monkeypatch.setattr(freeform, "_promise", lambda *_: promised)
-    assert _earns(replace(bare, evidence=fitted), bare) is earned
+    monkeypatch.setattr(choosing, "held_of", lambda *_: held)
+    monkeypatch.setattr(choosing, "promise_of", lambda *_: promised)
+    assert earns(replace(bare, evidence=fitted), bare) is earned
 
 
 @pytest.mark.parametrize(
@@ -313,7 +315,7 @@ def test_of_maps_that_do_as_much_one_beside_which_the_machine_drives_itself_come
         )
         for d in (-2.4, -0.9, 0.0)
     ]
-    assert [freeform._drives_itself(f) for f in bare] == [True, False, False]
+    assert [choosing.drives_itself(f) for f in bare] == [True, False, False]
 
 
 @pytest.mark.parametrize("mass", [0.0, 0.8])

@@ -13,7 +13,8 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.triangle import triangle
-from ffl.diagnose.maps.freeform import free_form, held_gain
+from ffl.diagnose.maps.form import held_gain
+from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import FreeModel, evidence
 from ffl.diagnose.maps.gains import left_alone
 from ffl.diagnose.maps.terms import TERMS, ranges_of
