@@ -75,3 +75,15 @@ def test_what_is_no_position_of_a_mass_is_not_asked(stage, seen):
     assert torn(bare, replace(run, y=y)) is not None
     assert torn(replace(bare, physics=type(stage.physics)()), replace(run, y=y)) is None
     assert torn(replace(bare, output_unit="m/s"), replace(run, y=y)) is None
+
+
+def test_a_frozen_sensor_that_trembles_is_said_beside_a_reference(stage, record):
+    """A loop's encoder that hung for 50 ms, but for its last digit: the jump after it is no blow."""
+    whole = record(stage)[0]
+    last = np.random.default_rng(4).choice([-1e-6, 0.0, 1e-6], 100)
+    y = 1e-6 * np.round(whole.y / 1e-6)
+    y[MOVING : MOVING + 100] = y[MOVING - 1] + last
+    (fault,) = soundness(stage, [replace(whole, y=y)]).faults
+    assert fault.kind == "frozen_sensor"
+    assert f"to {whole.t[MOVING + 99]:.4g} s" in fault.where
+    assert torn(stage, whole) is None
