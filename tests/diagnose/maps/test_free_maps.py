@@ -121,12 +121,23 @@ def test_what_lies_beyond_the_fitted_stroke_neither_confirms_nor_refutes_a_map(
 
 
 def test_a_map_that_leaves_far_more_than_another_is_not_it() -> None:
-    """Whatever it took off; one that leaves more in the fitted recordings alone stays."""
-    best, near, far = (
-        SimpleNamespace(cost=cost, held_cost=held)
-        for cost, held in ((1.0, 1.0), (9.0, 1.2), (8.0, 8.0))
-    )
+    """Whatever it took off; one that leaves more in the fitted recordings alone stays, and one that leaves
+    a little less there and far more where others judge does not (an eddy brake on a printer: 1.2 and 245
+    for 1.4 and 2.5)."""
+
+    def left(cost, held, knows=100):  # type: ignore[no-untyped-def]
+        known = np.arange(100) < knows
+        return SimpleNamespace(
+            cost=cost, held_cost=held, known=known, held_white=np.full(100, np.sqrt(held))
+        )
+
+    best, near, far = left(1.0, 1.0), left(9.0, 1.2), left(8.0, 8.0)
     assert choosing.not_far([best, near, far]) == [best, near]
+    bent = left(0.9, 245.0)
+    assert choosing.not_far([best, bent]) == [best]
+    # Who knows little of what the other says is no judge of it.
+    assert choosing.not_far([left(1.0, 1.0, knows=20), bent])[-1] is bent
+    assert choosing.not_far([left(1.0, 0.0, knows=0), left(0.9, 0.0, knows=0)])[-1].cost == 0.9
 
 
 @pytest.mark.parametrize(("told", "wanted"), [(5.0, 30.0), (60.0, 60.0), (1e6, None)])
