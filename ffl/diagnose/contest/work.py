@@ -7,8 +7,8 @@ from threading import Lock
 
 # Runs of all recordings, fitted or judging, from which no further round begins (usual: 1,000 to 15,000).
 MOST = 20_000
-# The same in sub-steps of all samples: what a core takes in some five minutes (usual: 2 to 70 million).
-MOST_STEPS = 400_000_000
+# The same in sub-steps of all samples: what a core takes in some minutes (usual: 2 to 70 million).
+MOST_STEPS = 200_000_000
 
 
 @dataclass(eq=False)

@@ -78,4 +78,5 @@ SHUFFLED = {
     "direction": _shuffled_direction,
     "acceleration": lambda m, rng: replace(m, a=_blocks(m.a, rng)),
     "command": lambda m, rng: replace(m, u=_blocks(m.u, rng)),
+    "time": lambda m, rng: replace(m, t=_blocks(m.t, rng)),
 }

@@ -8,11 +8,13 @@ from numpy.random import Generator
 
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.maps.depends import needed_variables
-from ffl.diagnose.maps.formula import formula
+from ffl.diagnose.maps.form import FreeForm
+from ffl.diagnose.maps.formula import Formula, formula
 from ffl.diagnose.maps.freeform import calmed
 from ffl.diagnose.maps.freemodel import FreeScreen
-from ffl.diagnose.maps.gains import MARGIN, with_the_stated_mass, within_the_line
+from ffl.diagnose.maps.gains import MARGIN, within_the_line
 from ffl.diagnose.maps.outcome import Contest
+from ffl.diagnose.maps.retold import beside_formula, surprise, with_the_stated_mass
 
 NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
 
@@ -33,7 +35,10 @@ def described(contest: Contest, scene: Scene, rng: Generator) -> Contest:
         for name, share in needed_variables(screen, winner.free, winner.white, part, rng).items():
             needed[name] = max(needed.get(name, 0.0), share)
         scale = winner.free.model.simulator.force_per_input if part.place.port == "force" else 1.0
-        said = formula(screen, winner.free, winner.white, index, scale)
+        said, told = _told(screen, winner, index, scale)
+        if told is not winner:
+            alone = contest.winner is contest.alone
+            contest = replace(contest, alone=told) if alone else replace(contest, beside=told)
         if said is not None:
             formulas.append(said)
     worth = NEEDED + MARGIN / max(winner.evidence, MARGIN)
@@ -47,3 +52,21 @@ def described(contest: Contest, scene: Scene, rng: Generator) -> Contest:
         needed=tuple(needed.items()),
         formulas=tuple(formulas),
     )
+
+
+def _told(
+    screen: FreeScreen, winner: FreeForm, index: int, scale: float
+) -> tuple[Formula | None, FreeForm]:
+    """The formula of a map and the map beside the numbers that go with it: of two that do as well that
+    beside which the machine is nearer to the stated one. (Up to its peak an eddy brake is as well a tanh
+    that damping three times below zero takes something back from.)"""
+    free, white = winner.free, winner.white
+    ways = []
+    for held in (True, False):
+        said = formula(screen, free, white, index, scale, whole=False, held=held)
+        told = None if said is None else beside_formula(winner, said, scale)
+        if told is not None:
+            ways.append((said, told))
+    if not ways:
+        return formula(screen, free, white, index, scale), winner
+    return min(ways, key=lambda way: surprise(way[1].free.model))

@@ -21,6 +21,8 @@ from ffl.systems.state_space import Array
 MOST = 3  # terms of a formula
 STRAIGHTER = 0.1  # of a map of the command: what beside its formula goes in proportion to that
 PER_NUMBER = 8.0  # sum of squares that one more number must take off
+KNOTS = 4.0  # of a map to a period: a faster wave is what lies between them
+EVEN = ("position", "time", "command")  # what maps have even knots of
 CANCELS = 30.0  # times the largest sum: terms so large say nothing
 SHARE = 0.01  # of what the map itself takes off, that one more term must take off
 
@@ -74,8 +76,8 @@ def _wave(z: Array, p: float) -> Array:
 STRAIGHT = Shape("{z}", lambda z: z)
 
 
-def library(low: float, high: float, signed: bool) -> Iterator[Shape]:
-    """Shapes over low..high; `signed` variables may switch at zero."""
+def library(low: float, high: float, signed: bool, finest: float = 0.0) -> Iterator[Shape]:
+    """Shapes over low..high; `signed` variables may switch at zero. `finest`: least period of a wave."""
     extent = high - low
     yield Shape("", _one)
     yield STRAIGHT
@@ -93,14 +95,17 @@ def library(low: float, high: float, signed: bool) -> Iterator[Shape]:
         yield Shape("max(0, {0} - {z})", _fall, (c,))
         for w in np.geomspace(0.02, 0.3, 6) * extent:
             yield Shape("exp(-(({z} - {0})/{1})^2/2)", _bump, (c, w))
-    for p in extent / np.geomspace(0.7, 12.0, 60):
+    for p in [p for p in extent / np.geomspace(0.7, 12.0, 60) if p > finest]:
         yield Shape("sin(2 pi {z}/{0} + {phase})", _wave, (p,))
 
 
 def formula(
-    screen: FreeScreen, free: FreeModel, white: Array, index: int, scale: float
-) -> Formula | None:
-    """The formula of map `index` beside the other maps; `scale`: of its signal to its unit."""
+    screen: FreeScreen, free: FreeModel, white: Array, index: int, scale: float,
+    whole: bool = True, held: bool = False,
+) -> Formula | None:  # fmt: skip
+    """The formula of map `index` beside the other maps; `scale`: of its signal to its unit. `whole`: with
+    what the map holds beside it in proportion to its variable, which is a number of the model's own.
+    `held`: beside these numbers as stated, else beside those that suit it best."""
     part = free.parts[index]
     motions = [free.follow(trial, [part.place]) for trial in screen.scene.trials]
     if any(m is None for m in motions):
@@ -108,23 +113,29 @@ def formula(
     along = [m[1] for m in motions if m is not None]
     table = tables_of(screen, [(part.term, part.place)], [part.ranges], along)[0]
     own = screen.from_nominal(free.model)
-    target = screen.beyond(white + own + table @ part.coefficients)
-    r, q = triangle(screen.beyond(table), target)
+    target = white + own + table @ part.coefficients
+    if not held:
+        table, target = screen.beyond(table), screen.beyond(target)
+    r, q = triangle(table, target)
     best = float(q @ q) - float(np.sum((q - r @ part.coefficients) ** 2))
     if part.term.bank is not None:
         return _of_history(screen, part, along, target, best, scale)
     if part.term.grid is None:
         plain = len(part.coefficients) == 1 or part.term.along == "speed"
         return _plain(part, r, q, best, scale) if plain else None
-    return _of_map(part, r, q, best, scale)
+    return _of_map(part, r, q, best, scale, whole)
 
 
-def _of_map(part: Part, r: Array, q: Array, best: float, scale: float) -> Formula | None:
+def _of_map(
+    part: Part, r: Array, q: Array, best: float, scale: float, whole: bool
+) -> Formula | None:
     assert part.term.grid is not None
     z = part.term.grid(part.ranges)
     shapes: list[Shape] = []
     cost = float(q @ q)
-    pool = list(library(float(z[0]), float(z[-1]), part.term.along != "position"))
+    signed = part.term.along not in ("position", "time")
+    finest = KNOTS * float(np.diff(z).max()) if part.term.along in EVEN else 0.0
+    pool = list(library(float(z[0]), float(z[-1]), signed, finest))
     while len(shapes) < MOST:
         trials = [_cost([*shapes, s], z, r, q) + PER_NUMBER * _numbers(s) for s in pool]
         k = int(np.argmin(trials))
@@ -138,7 +149,7 @@ def _of_map(part: Part, r: Array, q: Array, best: float, scale: float) -> Formul
         return None
     table = _columns(shapes, z)
     weights = np.linalg.lstsq(r @ table, q, rcond=1e-10)[0]
-    slope = _proportional(part, z, table @ weights, r)
+    slope = _proportional(part, z, table @ weights, r) if whole else 0.0
     if slope:
         shapes, weights = [*shapes, STRAIGHT], np.append(weights, slope)
         table = _columns(shapes, z)
@@ -162,10 +173,11 @@ def _by_speed(part: Part, shapes: Sequence[Shape], weights: Array) -> float:
 
 
 def _proportional(part: Part, z: Array, formula: Array, r: Array) -> float:
-    """What is left of a map of the command beside its `formula`, in proportion to that, 0 where it is
-    little: mass and damping could make up for it, so no shape is missed for want of it, but they stand
-    where the map was found beside them. (A gain of 0.78 one way: 0.11 |u|, and -0.11 u untold.)"""
-    if part.term.along != "command":
+    """What is left of a map of the command, of the speed or of the position beside its `formula`, in
+    proportion to that, 0 where it is little: mass, damping and stiffness could make up for it, so no shape
+    is missed for want of it, but they stand where the map was found beside them. (A gain of 0.78 one way:
+    0.11 |u|, and -0.11 u untold.)"""
+    if part.term.driver or part.place.port == "output":
         return 0.0
     drawn, weight = part.coefficients, lengths(r)
     line = np.column_stack([np.ones(len(z)), z]) * weight[:, None]

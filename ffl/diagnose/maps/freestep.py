@@ -140,6 +140,26 @@ def _maps(
     )
 
 
+def numbers_beside(scene: Scene, free: FreeModel) -> tuple[FreeModel, Run] | None:
+    """The model's own numbers fitted beside maps that stay, and what is left; None where `free` leaves all
+    bounds."""
+    now = run_of(scene, free)
+    if now is None:
+        return None
+    for _ in range(MORE):
+        theta = free.model.theta
+        wanted = free.at(theta + _numbers(FreeScreen(scene, free), free.model, now.white))
+        ways = [_between(free, wanted, share) for share in SHARES]
+        found = _first_below(scene, ways, now.cost)
+        if found is None:
+            break
+        gained = now.cost - found[1].cost
+        free, now = found
+        if gained < STILL * now.cost:
+            break
+    return free, now
+
+
 def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
     """Step of the model's own numbers that takes most off `left`; corrections stay near nominal as far as
     they are believed (`Coordinate.doubt`), beside what the maps do not explain yet: louder than noise, it

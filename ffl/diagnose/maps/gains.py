@@ -10,20 +10,15 @@ import numpy as np
 from ffl.diagnose.contest.earning import promised
 from ffl.diagnose.contest.judging import OPEN
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.amounts import LINE, own_damping, sizes
+from ffl.diagnose.hypothesis.amounts import LINE, sizes
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.choosing import FAR
 from ffl.diagnose.maps.form import FreeForm, held_gain
-from ffl.diagnose.maps.freeform import judged
-from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen
-from ffl.diagnose.maps.freestep import ROUNDS, stepped
-from ffl.diagnose.maps.mapped import BY_COMMAND
+from ffl.diagnose.maps.freemodel import FreeModel
+from ffl.diagnose.maps.retold import STRAIGHT, from_there
 from ffl.diagnose.noise.slow import in_own_noise as own_noise
 
-ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
-# Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
-STRAIGHT = {"velocity": "damping", "position": "stiffness"}
 BENT = 0.3  # of such a map: what may lie beside a straight line
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
 
@@ -64,40 +59,7 @@ def left_alone(beside: FreeForm, nominal: Model) -> FreeForm | None:
     there. (Alone in the model as it is stated nothing else bends but its numbers: with the damping of a
     motor that fades with heat at -22 times the stated one no map took anything off.)"""
     corrections = {**nominal.corrections, **beside.free.model.corrections}
-    return _from_there(beside, FreeModel(replace(nominal, corrections=corrections), beside.parts))
-
-
-def _from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:
-    """`free` fitted on to the recordings of `like`; None where it leaves all bounds."""
-    found = stepped(FreeScreen(like.scene, free), free, ROUNDS)
-    if found is None:
-        return None
-    free, now, _ = found
-    ended = judged(like.scene, like.held, free, like.evidence, now.white)
-    return None if ended is None else replace(ended, ranking=like.ranking)
-
-
-def with_the_stated_mass(alone: FreeForm) -> FreeForm:
-    """The same where a map of the command alone stands beside a mass m times as far off as the map is
-    steep: of a command that acts (u + g(u))/(1 + m) on a machine of the stated mass, with the other numbers
-    taken back by as much. A straight part of the map and a mass are one to any recording. (A valve of 1 and
-    0.76 either way: 0.87 and 1.47 beside 120 % more mass.)"""
-    free, mass = alone.free, alone.free.model.corrections.get("mass", 0.0)
-    if [p.term.kind for p in alone.parts] != [BY_COMMAND] or not mass:
-        return alone
-    part, k = alone.parts[0], 1.0 + mass
-    u = part.term.knots(part.ranges)
-    taken = replace(part, coefficients=(u + part.coefficients) / k - u)
-    damping = own_damping(free.model)
-    whole = {"mass": 1.0, "stiffness": 1.0, "damping": damping}
-    numbers = {
-        name: (whole[name] + value) / k - whole[name] if name in whole else value
-        for name, value in free.model.corrections.items()
-    }
-    same = _from_there(alone, FreeModel(replace(free.model, corrections=numbers), (taken,)))
-    if same is None or same.cost > ALIKE * alone.cost or same.held_cost > ALIKE * alone.held_cost:
-        return alone
-    return replace(same, alike=alone.alike, untold=alone.untold)
+    return from_there(beside, FreeModel(replace(nominal, corrections=corrections), beside.parts))
 
 
 def in_own_noise(scene: Scene, standing: Model, alone: FreeForm) -> float:

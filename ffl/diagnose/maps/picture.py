@@ -10,6 +10,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.linear import discrete
 from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freemodel import FreeModel, Part
+from ffl.diagnose.maps.terms import SIGNALS
 from ffl.diagnose.noise.passage import nothing
 from ffl.diagnose.noise.wiener import Wiener, of_force
 from ffl.diagnose.recorded.trials import Trial
@@ -66,13 +67,13 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     grid = part.term.grid(part.ranges)
     unity = part.term.along_grid(motion, grid, np.ones(len(grid)))
     clear = np.abs(unity) > CLEAR * np.abs(unity).max()
-    name = {"position": "x", "velocity": "v", "command": "u"}[part.term.along]
-    x = getattr(motion, name)
+    name = SIGNALS[part.term.along]
+    x = motion.t - motion.t.min() if name == "t" else getattr(motion, name)
     per = f" per {part.term.driver}" if part.term.driver else ""
     place, speed = plant.output_unit, f"{plant.output_unit}/s"
     if is_speed(plant.output_unit):
         place, speed = f"{plant.output_unit} s", plant.output_unit
-    units = {"x": place, "v": speed, "u": plant.input_unit}
+    units = {"x": place, "v": speed, "u": plant.input_unit, "t": "s"}
     return MapPicture(
         title, f"{part.term.along} [{units[name]}]",
         f"asked for and fitted{per}" + ("" if per else f" [{unit}]"),

@@ -9,11 +9,12 @@ acceleration, the command, its square (as iron is pulled).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ffl.diagnose.maps.histories import Ranges, faded, heat, hot_gain, memories
 from ffl.diagnose.maps.mapped import (
     BY_COMMAND,
     BY_POSITION,
@@ -34,12 +35,11 @@ from ffl.diagnose.maps.mapped import (
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
 
-Ranges = Mapping[str, tuple[float, float]]
 LENGTHS = (0.03, 0.08, 0.2, 0.6)  # of the grid: how fast a map may vary
 JITTER = 1e-6
 FALLS = (0.25, 0.5, 1.0)  # of the largest command, that a limit loses at the largest speed
 LEVELS = 14
-MEMORIES = 7  # time constants of a history, from a few samples to the length of a recording
+MOMENTS = 9  # knots of a map of the time: slower than what moves
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,10 @@ def _speeds(ranges: Ranges) -> Array:
     return np.linspace(0.0, _top(ranges), 15)
 
 
+def _moments(ranges: Ranges) -> Array:
+    return np.linspace(0.0, ranges["step"][1], MOMENTS)
+
+
 def _hats(x: Array, grid: Array) -> Array:
     """(N, k): linear interpolation weights of x on the grid, going on straight beyond its ends by a
     quarter of its extent at most."""
@@ -173,9 +177,14 @@ def _interpolated(x: Array, grid: Array, values: Array) -> Array:
 # --- columns -------------------------------------------------------------------------------------
 
 
+def _along(m: Motion, signal: str) -> Array:
+    """The variable of a map; time is that since the recording began."""
+    return m.t - m.t.min() if signal == "t" else getattr(m, signal)  # type: ignore[no-any-return]
+
+
 def _map(driver: Callable[[Motion], Array | float], signal: str, grid: Callable[[Ranges], Array]):  # type: ignore[no-untyped-def]
     def columns(m: Motion, ranges: Ranges) -> Array:
-        value = np.abs(m.v) if signal == "speed" else getattr(m, signal)
+        value = _along(m, signal)
         weight = np.broadcast_to(np.asarray(driver(m), float), value.shape)
         return _hats(value, grid(ranges)) * weight[:, None]
 
@@ -184,7 +193,7 @@ def _map(driver: Callable[[Motion], Array | float], signal: str, grid: Callable[
 
 def _driven(driver: Callable[[Motion], Array | float], signal: str):  # type: ignore[no-untyped-def]
     def along(m: Motion, grid: Array, values: Array) -> Array:
-        return driver(m) * _interpolated(getattr(m, signal), grid, values)
+        return driver(m) * _interpolated(_along(m, signal), grid, values)
 
     return along
 
@@ -210,33 +219,6 @@ def _scale(m: Motion, ranges: Ranges) -> Array:
     """What a sensor's scale adds by position."""
     grid = _positions(ranges)
     return smoothed(grid, np.eye(len(grid)), m.x)
-
-
-def memories(ranges: Ranges) -> Array:
-    """Time constants of a history, s."""
-    step, duration = ranges["step"]
-    return np.geomspace(4 * step, duration, MEMORIES)
-
-
-def low_pass(x: Array, tau: float, step: float, begun: float = 0.0) -> Array:
-    """First-order lag that stood at `begun` before the first sample."""
-    from scipy.signal import lfilter
-
-    a = np.exp(-step / tau)
-    return lfilter([1 - a], [1, -a], x, zi=[a * begun])[0]
-
-
-def _faded(m: Motion, ranges: Ranges, taus: Array) -> Array:
-    x = m.x - m.x[0]
-    return np.column_stack([x - low_pass(x, tau, m.sample_time) for tau in taus])
-
-
-def _heat(m: Motion, ranges: Ranges, taus: Array) -> Array:
-    return np.column_stack([low_pass(m.u**2, tau, m.sample_time, m.warm) for tau in taus])
-
-
-def _hot_gain(m: Motion, ranges: Ranges, taus: Array) -> Array:
-    return m.u[:, None] * _heat(m, ranges, taus)
 
 
 def _largest(ranges: Ranges) -> Array:
@@ -289,9 +271,9 @@ def _gridded(
     driver: Callable[[Motion], Array | float],
     along: str,
     grid: Callable[[Ranges], Array],
-    kind: int,
+    kind: int | None = None,
 ) -> Term:
-    signal = {"position": "x", "velocity": "v", "command": "u"}[along]
+    signal = SIGNALS[along]
     return Term(
         name,
         port,
@@ -333,6 +315,7 @@ def _command(m: Motion) -> Array:
     return m.u
 
 
+SIGNALS = {"position": "x", "velocity": "v", "command": "u", "time": "t"}  # of a `Motion`
 POSITION, VELOCITY, COMMAND = ("position",), ("velocity",), ("command",)
 HEAT = ("command", "history", "time")
 TERMS: tuple[Term, ...] = (
@@ -371,8 +354,12 @@ TERMS: tuple[Term, ...] = (
         "pull by position", "force", ("command", "position"), "command^2",
         lambda m: m.u**2, "position", _positions, PULL,
     ),
-    _of_history("history of position", "force", ("history", "position"), "", "faded position", _faded),
-    _of_history("heat of the command", "force", HEAT, "", "heat", _heat),
+    _gridded(
+        "direction by time", "force", ("time", "direction"), "sign(velocity)", _direction,
+        "time", _moments,
+    ),
+    _of_history("history of position", "force", ("history", "position"), "", "faded position", faded),
+    _of_history("heat of the command", "force", HEAT, "", "heat", heat),
     _gridded("command", "command", COMMAND, "", _one, "command", _commands, BY_COMMAND),
     _gridded(
         "command by position", "command", ("command", "position"), "command", _command,
@@ -386,7 +373,10 @@ TERMS: tuple[Term, ...] = (
         "limit by speed", "command", ("command", "velocity"), "sign(command)",
         "|command| and speed", _limited, None, side="sent",
     ),
-    _of_history("command by its heat", "command", HEAT, "command", "heat", _hot_gain),
+    _gridded(
+        "command by time", "command", ("time", "command"), "command", _command, "time", _moments,
+    ),
+    _of_history("command by its heat", "command", HEAT, "command", "heat", hot_gain),
     Term(
         "position at the sensor", "output", POSITION, "", "position",
         _scale, _positions, along_grid=_scale_along, kind=SHOWN_POSITION,

@@ -154,6 +154,8 @@ PHRASES = {
     frozenset({"acceleration", "direction"}): "friction in proportion to the load",
     frozenset({"history", "position"}): "the path behind, fading",
     frozenset({"command", "history", "time"}): "the work done before, as heat would show",
+    frozenset({"command", "time"}): "the force per command, by the time since the start",
+    frozenset({"direction", "time"}): "friction, by the time since the start",
     frozenset({"direction", "history"}): "reversals, with the path before them",
 }
 

@@ -19,8 +19,9 @@ from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost, _proportional
 from ffl.diagnose.maps.freeform import free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
-from ffl.diagnose.maps.gains import gains_of, with_the_stated_mass, within_the_line
+from ffl.diagnose.maps.gains import gains_of, within_the_line
 from ffl.diagnose.maps.known import hardly_shown, where_known
+from ffl.diagnose.maps.retold import with_the_stated_mass
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.events import events
@@ -355,12 +356,20 @@ def test_a_map_of_the_command_is_told_beside_the_mass_as_stated(stage, reference
 
 
 @pytest.mark.parametrize(("gain", "told"), [(-0.11, -0.11), (-0.005, 0.0)])
-@pytest.mark.parametrize("along", ["command", "velocity"])
-def test_what_goes_in_proportion_to_the_command_is_told_beside_its_formula(along, gain, told):
-    """Mass and damping could make up for it, and are not what the map was found beside."""
+@pytest.mark.parametrize(("along", "port"), [("command", "command"), ("velocity", "force")])
+def test_what_goes_in_proportion_is_told_beside_its_formula(along, port, gain, told):
+    """Mass and damping could make up for it, and are not what the map was found beside; what a sensor adds
+    in proportion they cannot, nor what multiplies a speed."""
     z = np.linspace(-2.0, 2.0, 21)
-    part = SimpleNamespace(
-        term=SimpleNamespace(along=along), coefficients=0.11 * np.abs(z) + gain * z
-    )
-    slope = _proportional(part, z, 0.11 * np.abs(z), np.eye(21))  # type: ignore[arg-type]
-    assert slope == pytest.approx(told if along == "command" else 0.0, abs=1e-9)
+
+    def slope(driver, port):  # type: ignore[no-untyped-def]
+        part = SimpleNamespace(
+            term=SimpleNamespace(along=along, driver=driver),
+            place=SimpleNamespace(port=port),
+            coefficients=0.11 * np.abs(z) + gain * z,
+        )
+        return _proportional(part, z, 0.11 * np.abs(z), np.eye(21))  # type: ignore[arg-type]
+
+    assert slope("", port) == pytest.approx(told, abs=1e-9)
+    assert slope("velocity", port) == 0.0
+    assert slope("", "output") == 0.0

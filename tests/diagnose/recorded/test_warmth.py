@@ -12,7 +12,8 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part
-from ffl.diagnose.maps.terms import TERMS, low_pass
+from ffl.diagnose.maps.histories import low_pass
+from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
 from ffl.diagnose.recorded.warmth import warmed, with_warmth

@@ -1,0 +1,107 @@
+"""The same machine told otherwise: a map and the linear model's numbers that go with it.
+
+A map of the speed and the damping beside it are one to any recording but for what is believed of the
+damping; so are a map of the position and a stiffness, a map of the command and a mass. A formula is
+sought beyond these numbers, and holds beside those that suit it: not beside the map's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ffl.diagnose.hypothesis.amounts import own_damping
+from ffl.diagnose.hypothesis.model import Model
+from ffl.diagnose.maps.choosing import NO_WORSE
+from ffl.diagnose.maps.form import FreeForm
+from ffl.diagnose.maps.formula import Formula
+from ffl.diagnose.maps.freeform import judged
+from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, run_of
+from ffl.diagnose.maps.freestep import ROUNDS, numbers_beside, stepped, traces
+from ffl.diagnose.maps.mapped import BY_COMMAND, GAIN, GAIN_BY_SPEED
+
+ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
+# Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
+STRAIGHT = {"velocity": "damping", "position": "stiffness"}
+
+
+def from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:
+    """`free` fitted on to the recordings of `like`; None where it leaves all bounds."""
+    found = stepped(FreeScreen(like.scene, free), free, ROUNDS)
+    if found is None:
+        return None
+    free, now, _ = found
+    ended = judged(like.scene, like.held, free, like.evidence, now.white)
+    return None if ended is None else replace(ended, ranking=like.ranking)
+
+
+def with_the_stated_mass(alone: FreeForm) -> FreeForm:
+    """The same where one map of the command, or of what a unit of it does, stands beside a mass m times as
+    far off as the map is steep: of a command that acts (u + g)/(1 + m) on a machine of the stated mass,
+    with the other numbers taken back by as much. A straight part of the map and a mass are one to any
+    recording. (A valve of 1 and 0.76 either way: 0.87 and 1.47 beside 120 % more mass.)"""
+    free, mass = alone.free, alone.free.model.corrections.get("mass", 0.0)
+    kinds = [p.term.kind for p in alone.parts]
+    if kinds not in ([BY_COMMAND], [GAIN], [GAIN_BY_SPEED]) or not mass:
+        return alone
+    part, k = alone.parts[0], 1.0 + mass
+    unit = part.term.knots(part.ranges) if kinds == [BY_COMMAND] else 1.0
+    taken = replace(part, coefficients=(unit + part.coefficients) / k - unit)
+    damping = own_damping(free.model)
+    whole = {"mass": 1.0, "stiffness": 1.0, "damping": damping}
+    numbers = {
+        name: (whole[name] + value) / k - whole[name] if name in whole else value
+        for name, value in free.model.corrections.items()
+    }
+    same = from_there(alone, FreeModel(replace(free.model, corrections=numbers), (taken,)))
+    if same is None or same.cost > ALIKE * alone.cost or same.held_cost > ALIKE * alone.held_cost:
+        return alone
+    return replace(same, alike=alone.alike, untold=alone.untold)
+
+
+def beside_formula(found: FreeForm, said: Formula, scale: float) -> FreeForm | None:
+    """`found`, of one map, beside the numbers that suit the formula in its place; None where its straight
+    part is no number of the model's, or the formula leaves much more than the map. `scale`: of the map to
+    its unit. (A flywheel's eddy brake: 1,530 % more damping beside the map, -0.4 % beside its formula.)"""
+    if len(found.parts) > 1 or said.values is None:
+        return None
+    part = found.parts[0]
+    own = STRAIGHT.get(part.term.name)
+    if own not in [c.name for c in found.free.model.coordinates if c.kind == "correction"]:
+        return None
+    drawn = replace(part, coefficients=said.values / scale)
+    best = None
+    for model in (found.free.model, found.free.model.at(0.0 * found.free.model.theta)):
+        fitted = numbers_beside(found.scene, FreeModel(model, (drawn,)))
+        if fitted is not None and (best is None or fitted[1].cost < best[1].cost):
+            best = fitted
+    if best is None or best[1].cost > NO_WORSE * found.cost:
+        return None
+    model = best[0].model
+    now = run_of(found.scene, found.free)
+    assert now is not None
+    assert part.term.grid is not None
+    table = traces(FreeScreen(found.scene, found.free), found.free, now.motions)[0]
+    weight, z = np.linalg.norm(table, axis=0), part.term.grid(part.ranges)
+    apart = weight * (drawn.coefficients - part.coefficients)
+    line = np.column_stack([np.ones(len(z)), z]) * weight[:, None]
+    _, slope = np.linalg.lstsq(line, apart, rcond=1e-10)[0]
+    turned = replace(part, coefficients=part.coefficients + slope * z)
+    for way in (turned, drawn):
+        other = judged(found.scene, found.held, FreeModel(model, (way,)), found.evidence)
+        if other is not None and _alike(other, found, ALIKE if way is turned else NO_WORSE):
+            return replace(other, ranking=found.ranking, alike=found.alike, untold=found.untold)
+    return None
+
+
+def surprise(model: Model) -> float:
+    """How far the numbers of the linear model are from the stated ones: sum of their squares, in units of
+    what is believed of them."""
+    return float(
+        sum((t / c.doubt) ** 2 for t, c in zip(model.theta, model.coordinates, strict=True))
+    )
+
+
+def _alike(other: FreeForm, found: FreeForm, most: float) -> bool:
+    return other.cost <= most * found.cost and other.held_cost <= most * found.held_cost
