@@ -76,13 +76,13 @@ def record(references):  # type: ignore[no-untyped-def]
 def scenes(stage):  # type: ignore[no-untyped-def]
     """The scene of the first recording, that of the others, and the model without effects."""
 
-    def of(runs):  # type: ignore[no-untyped-def]
-        base = Base.of(stage)
-        first, *others = (prepare(base.simulator, r, stage.machine.sensor_noise) for r in runs)
-        noise = Noise(stage.machine.sensor_noise, stage.machine.force_noise)
+    def of(runs, plant=stage):  # type: ignore[no-untyped-def]
+        base, stated = Base.of(plant), plant.machine
+        first, *others = (prepare(base.simulator, r, stated.sensor_noise) for r in runs)
+        noise = Noise(stated.sensor_noise, stated.force_noise)
         return (
-            Scene(stage.loop, (first,), noise),
-            Scene(stage.loop, tuple(others), noise),
+            Scene(plant.loop, (first,), noise),
+            Scene(plant.loop, tuple(others), noise),
             Model(base),
         )
 

@@ -19,9 +19,14 @@ from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freeform import judged
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, run_of
 from ffl.diagnose.maps.freestep import ROUNDS, numbers_beside, stepped, traces
-from ffl.diagnose.maps.mapped import BY_COMMAND, GAIN, GAIN_BY_SPEED
+from ffl.diagnose.maps.mapped import BY_COMMAND
 
 ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
+GAINS_BY = (
+    "position",
+    "speed",
+    "time",
+)  # of which a map is what a unit of the command does beside 1
 # Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
 STRAIGHT = {"velocity": "damping", "position": "stiffness"}
 
@@ -42,11 +47,12 @@ def with_the_stated_mass(alone: FreeForm) -> FreeForm:
     with the other numbers taken back by as much. A straight part of the map and a mass are one to any
     recording. (A valve of 1 and 0.76 either way: 0.87 and 1.47 beside 120 % more mass.)"""
     free, mass = alone.free, alone.free.model.corrections.get("mass", 0.0)
-    kinds = [p.term.kind for p in alone.parts]
-    if kinds not in ([BY_COMMAND], [GAIN], [GAIN_BY_SPEED]) or not mass:
-        return alone
     part, k = alone.parts[0], 1.0 + mass
-    unit = part.term.knots(part.ranges) if kinds == [BY_COMMAND] else 1.0
+    gain = part.term.driver == "command" and part.term.along in GAINS_BY
+    itself = part.term.kind == BY_COMMAND
+    if len(alone.parts) > 1 or not mass or not (gain or itself):
+        return alone
+    unit = part.term.knots(part.ranges) if itself else 1.0
     taken = replace(part, coefficients=(unit + part.coefficients) / k - unit)
     damping = own_damping(free.model)
     whole = {"mass": 1.0, "stiffness": 1.0, "damping": damping}
