@@ -163,13 +163,13 @@ def ladder(ax: Axes, step: Step) -> Axes:
     return ax
 
 
-def overlay(ax: Axes, o: Overlay, unit: str) -> Axes:
-    """Measured, simulated before, simulated after."""
+def overlay(ax: Axes, o: Overlay, unit: str, after: str = "after") -> Axes:
+    """Measured, simulated before, simulated `after`, as the legend calls it."""
     step = max(1, len(o.t) // POINTS)
     pairs = (
         ("measured", o.y, 6, "-"),
         ("before", o.y_before, 1, "--"),
-        ("after", o.y_after, 0, ":"),
+        (after, o.y_after, 0, ":"),
     )
     for label, y, colour, line in pairs:
         ax.plot(o.t[::step], y[::step], line, color=COLOURS[colour], label=label)
@@ -178,11 +178,11 @@ def overlay(ax: Axes, o: Overlay, unit: str) -> Axes:
     return ax
 
 
-def errors(ax: Axes, o: Overlay, unit: str) -> Axes:
-    """What is left, before and after."""
+def errors(ax: Axes, o: Overlay, unit: str, after: str = "after") -> Axes:
+    """What is left, before and `after`, as the legend calls it."""
     step = max(1, len(o.t) // POINTS)
     ax.plot(o.t[::step], (o.y - o.y_before)[::step], color=COLOURS[1], label="before")
-    ax.plot(o.t[::step], (o.y - o.y_after)[::step], color=COLOURS[0], label="after")
+    ax.plot(o.t[::step], (o.y - o.y_after)[::step], color=COLOURS[0], label=after)
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"y - simulation [{unit}]")
     ax.legend(ncols=2)
