@@ -28,6 +28,7 @@ from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
 from ffl.diagnose.proof.rules import Ended, Said, verdict_of
 from ffl.diagnose.proof.verdict import BEYOND, in_their_state, rounding
 from ffl.diagnose.recorded import sound, where
+from ffl.diagnose.recorded.compared import stated_delay
 from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.states import linear_share, states
@@ -241,11 +242,12 @@ def _remarks(
     if said.verdict == "unnamed" and stands.maps and (undone := _undone(stands)):
         yield undone
     if said.verdict == "unnamed" and (lead := ahead(stands.contest)) is not None:
+        late = stated_delay(model) * model.sample_time >= lead
         yield (
             f"y is {1e3 * lead:.3g} ms ({lead / model.sample_time:.2g} samples) ahead of what the model "
             "makes of u, whatever the motion: the columns were read at other moments of a sample, or u "
-            "behind a filter; move y by so much, or take it out of the delay in the plant file"
-        )
+            "behind a filter; move y by so much"
+        ) + ", or take it out of the delay in the plant file" * late
     lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
     if said.verdict == "nothing_missing" and lowered and not moved:
         yield (
