@@ -69,7 +69,11 @@ def map_with_data(ax: Axes, p: MapPicture) -> Axes:
     low, high = np.quantile(p.wanted, [0.002, 0.998])
     ax.plot(p.x[::step], p.wanted[::step], ".", markersize=3, color=COLOURS[5], alpha=0.4,
             label="asked for by the data", rasterized=True)  # fmt: skip
-    ax.plot(p.grid, p.values, color=COLOURS[1], linewidth=2.0, label="free map")
+    if p.along:  # it has no one value for each x
+        ax.plot(p.grid[::step], p.values[::step], ".", color=COLOURS[1], markersize=1.5,
+                label="free map", rasterized=True)  # fmt: skip
+    else:
+        ax.plot(p.grid, p.values, color=COLOURS[1], linewidth=2.0, label="free map")
     if p.formula is not None:
         ax.plot(p.grid, p.formula, "--", color=COLOURS[6], label="formula")
         low, high = min(low, p.formula.min()), max(high, p.formula.max())
