@@ -96,6 +96,7 @@ def _diagnose_output(
     _require_others(recordings, validation)
     _require_once([*recordings, *validation])
     everything, turned = without_turns(model, [*recordings, *validation])
+    referred = any("r" not in r.missing and np.ptp(r.r) > 0.0 for r in everything)
     everything = [commanded(model, r) for r in everything]
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
@@ -126,7 +127,7 @@ def _diagnose_output(
         return _named(model, seen, health, notes, rng, say)
 
     if observed:
-        notes.append(_why_led(everything))
+        notes.append(_why_led(referred))
         return named(_led(model, recordings, validation), notes)
     found = named(Comparison(model, recordings, validation), list(notes))
     if hunts(found):
@@ -145,14 +146,13 @@ def _diagnose_output(
     return clearer(found, named(seen, list(notes)), rng)
 
 
-def _why_led(recordings: Sequence[Recording]) -> str:
-    """Why no free runs are shown, and what would allow them."""
-    held = any("r" not in r.missing and np.ptp(r.r) > 0.0 for r in recordings)
+def _why_led(referred: bool) -> str:
+    """Why no free runs are shown, and what would allow them; `referred`: r was recorded."""
     way = (
         "that is usual in open loop; where a controller made u, a [controller] in the plant file and r in "
         "the recordings allow free runs"
     )
-    if held:
+    if referred:
         way = (
             "r was recorded, but the plant file has no [controller] that makes u of it: with one the loop "
             "itself could be run freely"

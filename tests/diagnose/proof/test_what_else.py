@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ffl.diagnose.diagnosis import _why_led
 from ffl.diagnose.proof.advise import Experiment
 from ffl.diagnose.proof.counsel import advice_of
 from ffl.diagnose.recorded.where import Place
@@ -49,3 +50,9 @@ def test_two_names_for_one_machine_need_no_experiment():
     assert "0.0017" not in same.advice
     assert not between(0.5).idle
     assert "go beyond that range" in between(0.5).advice
+
+
+def test_open_loop_is_no_fault_and_a_recorded_r_is_not_denied():
+    assert "usual in open loop" in _why_led(False)
+    assert "r was recorded" in _why_led(True)
+    assert "open loop" not in _why_led(True)
