@@ -117,7 +117,10 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     if proof:
         print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {_left(proof)}, {_alone(proof)}")
         if "u_nrmse_after" in proof:
-            print(f"  command:  nrmse {proof['u_nrmse_before']:.4g} -> {_left(proof, 'u_')}")
+            alone = ""
+            if "u_noise_floor" in proof and not proof.get("noise_untold"):
+                alone = f", noise alone {proof['u_noise_floor']:.4g}"
+            print(f"  command:  nrmse {proof['u_nrmse_before']:.4g} -> {_left(proof, 'u_')}{alone}")
     for line in answer["advice"]:
         print(f"  advice: {line}")
     for line in answer.get("notes", ()):

@@ -32,6 +32,8 @@ def test_both_figures_are_said_with_the_map_and_without(capsys):
     assert "nrmse 0.3 -> 0.04 with the map (without it 0.25)" in u
     y, u = said_of(capsys)
     assert "map" not in y + u
+    assert said_of(capsys, u_noise_floor=0.06)[1].endswith("0.25, noise alone 0.06")
+    assert "noise alone" not in said_of(capsys, u_noise_floor=0.06, noise_untold=True)[1]
 
 
 @pytest.mark.parametrize(
