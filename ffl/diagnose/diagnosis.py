@@ -96,6 +96,7 @@ def _diagnose_output(
     _require_others(recordings, validation)
     _require_once([*recordings, *validation])
     everything, turned = without_turns(model, [*recordings, *validation])
+    referred = any("r" not in r.missing and np.ptp(r.r) > 0.0 for r in everything)
     everything = [commanded(model, r) for r in everything]
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
@@ -126,10 +127,7 @@ def _diagnose_output(
         return _named(model, seen, health, notes, rng, say)
 
     if observed:
-        notes.append(
-            "no controller is stated and the plant integrates: predicted through an observer, not in "
-            "free run"
-        )
+        notes.append(_why_led(referred))
         return named(_led(model, recordings, validation), notes)
     found = named(Comparison(model, recordings, validation), list(notes))
     if hunts(found):
@@ -146,6 +144,23 @@ def _diagnose_output(
     slow = max(SLOWEST, decay_of(firm) / (2 * np.pi))
     seen = Comparison(firm, led(recordings), led(validation), True, slow)
     return clearer(found, named(seen, list(notes)), rng)
+
+
+def _why_led(referred: bool) -> str:
+    """Why no free runs are shown, and what would allow them; `referred`: r was recorded."""
+    way = (
+        "that is usual in open loop; where a controller made u, a [controller] in the plant file and r in "
+        "the recordings allow free runs"
+    )
+    if referred:
+        way = (
+            "r was recorded, but the plant file has no [controller] that makes u of it: with one the loop "
+            "itself could be run freely"
+        )
+    return (
+        "the plant integrates, and a free run from u alone drifts away: it was led along y by an observer "
+        f"({way})"
+    )
 
 
 def _led(

@@ -10,15 +10,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Number:
-    """A fitted number; `std_error` None where the data do not see it."""
+    """A fitted number; `std_error` None where the data do not see it, or for the reason in `note`."""
 
     value: Any
     unit: str
     std_error: float | None = None
+    note: str = ""
 
     def answer(self) -> dict[str, Any]:
         """As the contract has it."""
-        return clean({"value": self.value, "unit": self.unit, "std_error": self.std_error})
+        told = {"value": self.value, "unit": self.unit, "std_error": self.std_error}
+        return clean(told | {"note": self.note or None})
 
 
 def clean(table: dict[str, Any]) -> dict[str, Any]:

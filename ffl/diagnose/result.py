@@ -161,6 +161,7 @@ def _validation(proof: Proof) -> dict[str, Any]:
             "u_noise_floor": proof.u_noise_floor,
             "change_interval_95": list(proof.interval),
             "nrmse_with_map": proof.nrmse_with_map,
+            "u_nrmse_with_map": proof.u_nrmse_with_map,
         }
         | ({"noise_untold": True} if proof.untold else {})
     )

@@ -81,7 +81,7 @@ def off_clock(
     most = np.inf if stands is None else _square(scene, stands)
     if most < LOUD:
         return None
-    say("more is left than noise: are the columns of one clock?")
+    say("checking whether a shift or another clock of u would explain what is left")
     fitted = stretches(ground.recordings, LONGEST)
     origins, longest = _origins([*ground.recordings, *ground.validation])
 

@@ -40,6 +40,7 @@ FACTORS = {
     "degrees for radians": 180.0 / math.pi,
     "turns for radians": 2.0 * math.pi,
     "inches for millimetres": 25.4,
+    "inches for metres": 1.0 / 0.0254,
     "km/h for m/s": 3.6,
     "the earth's pull": 9.81,
     "a hundred": 100.0,
@@ -69,10 +70,10 @@ def factor_between(one: str, other: str) -> float | None:
     return a / b if first == second else None
 
 
-def looks_like(factor: float) -> str:
-    """The mistaken units that leave a factor or its inverse, within two per cent; else empty."""
+def looks_like(factor: float, near: float = NEAR) -> str:
+    """The mistaken units that leave a factor or its inverse, to within the share `near`; else empty."""
     size = abs(math.log(abs(factor)))
-    return " or ".join(n for n, known in FACTORS.items() if abs(size - math.log(known)) < NEAR)
+    return " or ".join(n for n, known in FACTORS.items() if abs(size - math.log(known)) < near)
 
 
 def turn_in(unit: str) -> float | None:

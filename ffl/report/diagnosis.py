@@ -31,6 +31,11 @@ VERDICTS = {
     "inconclusive": "These recordings cannot tell.",
 }
 
+WITHIN = (
+    "What is left is within what noise alone would leave. That figure is an estimate, by the plant file "
+    "and by what is left of the fitted recordings; these ones are quieter than it says."
+)
+
 
 def write(diagnosis: Diagnosis, folder: Path) -> None:
     """Writes answer.json, augmented.toml, the suggested experiment and report.html, each whole."""
@@ -110,21 +115,40 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print(f"  formula: {answer['location']['formula']}")
     proof = answer.get("validation")
     if proof:
-        after, alone = f"{proof['nrmse_after']:.4g}", f"noise alone {proof['noise_floor']:.4g}"
-        if proof.get("noise_untold"):
-            alone = "noise cannot be told from what is left"
-        if "nrmse_with_map" in proof:
-            after = f"{proof['nrmse_with_map']:.4g} with the map (without it {after})"
-        print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {after}, {alone}")
+        print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {_left(proof)}, {_alone(proof)}")
         if "u_nrmse_after" in proof:
-            line = f"nrmse {proof['u_nrmse_before']:.4g} -> {proof['u_nrmse_after']:.4g}"
-            print(f"  command:  {line}" + ("", ", without the map")["nrmse_with_map" in proof])
+            alone = ""
+            if "u_noise_floor" in proof and not proof.get("noise_untold"):
+                alone = f", noise alone {proof['u_noise_floor']:.4g}"
+            print(f"  command:  nrmse {proof['u_nrmse_before']:.4g} -> {_left(proof, 'u_')}{alone}")
     for line in answer["advice"]:
         print(f"  advice: {line}")
     for line in answer.get("notes", ()):
         print(f"  note: {line}")
     if "transmission" in answer:
         print_transmission(answer["transmission"])
+
+
+def _left(proof: Mapping[str, Any], of: str = "") -> str:
+    """The held-out error of y, or `of` "u_" of the command, with all that the answer has."""
+    after = f"{proof[f'{of}nrmse_after']:.4g}"
+    if "nrmse_with_map" not in proof:
+        return after
+    mapped = proof.get(f"{of}nrmse_with_map")
+    if mapped is None:
+        return f"{after} without the map"
+    return f"{mapped:.4g} with the map (without it {after})"
+
+
+def _alone(proof: Mapping[str, Any]) -> str:
+    """What noise alone would leave, beside what is left."""
+    if proof.get("noise_untold"):
+        return "noise cannot be told from what is left"
+    floor = float(proof["noise_floor"])
+    within = proof.get("nrmse_with_map", proof["nrmse_after"]) <= floor
+    return f"noise alone {floor:.4g}" + (
+        " by estimate: what is left is within it" if within else ""
+    )
 
 
 def _component(location: str, options: Mapping[str, Any]) -> str:
@@ -150,7 +174,8 @@ def _with_error(name: str, number: Mapping[str, Any], place: bool = False) -> st
     value, error = float(number["value"]), number.get("std_error")
     unit = "" if number["unit"] in ("", "1") else f" {number['unit']}"
     if not error:
-        return f"{name} {value:.4g}{unit}"
+        why = f" ({number['note']})" if number.get("note") else ""
+        return f"{name} {value:.4g}{unit}{why}"
     if error > abs(value) and not place:
         return f"{name} not told ({value:.2g} ± {error:.2g}{unit})"
     digits = int(np.clip(np.ceil(np.log10(max(abs(value) / error, 1.0))) + 2, 2, 8))
@@ -197,7 +222,7 @@ def _overview(page: Page, d: Diagnosis) -> None:
         at = _component(f.location, f.options)
         page.note(f"{f.name} ({at}, confidence {f.confidence:.2f}): {f.says}", "good")
         rows = [
-            [name, n.value, n.unit, n.std_error]
+            [name, n.value, n.unit, (n.note or None) if n.std_error is None else n.std_error]
             for name, n in f.parameters.items()
             if isinstance(n.value, int | float)
         ]
@@ -221,10 +246,15 @@ def _overview(page: Page, d: Diagnosis) -> None:
         )
     if d.proof is not None:
         facts = [("nrmse before", d.proof.nrmse_before), ("nrmse after", d.proof.nrmse_after)]
-        if d.proof.nrmse_with_map:
-            facts.append(("with the map", d.proof.nrmse_with_map))
+        if d.proof.nrmse_with_map is not None:
+            facts[1:] = [
+                ("nrmse after, without the map", d.proof.nrmse_after),
+                ("nrmse after, with the map", d.proof.nrmse_with_map),
+            ]
         alone = "what is left, noise not told from it" if d.proof.untold else "noise alone"
         page.facts([*facts, (alone, d.proof.noise_floor)])
+        if d.proof.within_noise:
+            page.text(WITHIN)
     for line in d.advice:
         page.note(f"Next experiment: {line}")
 
@@ -318,26 +348,33 @@ def _proof(page: Page, d: Diagnosis) -> None:
     if d.proof is None:
         return
     page.section("Proof on held-out recordings")
+    mapped = d.proof.nrmse_with_map is not None
+    after = "after, with the map" if mapped else "after"
     files = [Path(overlay.name).name for overlay in d.proof.overlays]
     for overlay, title in zip(d.proof.overlays, files, strict=True):
         if files.count(title) > 1:  # moves of one recording
             title += f", {overlay.t[0]:.4g} to {overlay.t[-1]:.4g} s"
         figure, axes = subplots(rows=2, columns=1, height=4.6, sharex=True)
-        draw.overlay(axes[0], overlay, d.plant.output_unit)
-        draw.errors(axes[1], overlay, d.plant.output_unit)
+        draw.overlay(axes[0], overlay, d.plant.output_unit, after)
+        draw.errors(axes[1], overlay, d.plant.output_unit, after)
         page.figure(
             figure, f"{title}, before and after",
             ("Led to what was measured by an observer" if d.proof.observed else
              "Free-running simulation from the recording's own start") + "; nothing was fitted to it. "
-            + ("After: with the map that has no name. " if d.proof.nrmse_with_map else "")
             + "Below: what is left.",
         )  # fmt: skip
     p = d.proof
+    header = ["signal", "nrmse before", "nrmse after", "noise alone"]
     rows = [["y", p.nrmse_before, p.nrmse_after, p.noise_floor]]
     if p.u_nrmse_before is not None:
         rows.append(["u", p.u_nrmse_before, p.u_nrmse_after, p.u_noise_floor])
+    if mapped:  # what has no name is drawn above, and is no part of the plant file
+        header[2:3] = ["nrmse after, without the map", "nrmse after, with the map"]
+        for row, error in zip(rows, (p.nrmse_with_map, p.u_nrmse_with_map), strict=False):
+            row.insert(3, error)
     low, high = p.interval
     page.table(
-        ["signal", "nrmse before", "nrmse after", "noise alone"], rows,
-        f"95 % interval of the change in y by paired block bootstrap: {low:.3g} to {high:.3g}.",
+        header, rows,
+        f"95 % interval of the change in y by paired block bootstrap{', without the map' * mapped}: "
+        f"{low:.3g} to {high:.3g}.",
     )  # fmt: skip

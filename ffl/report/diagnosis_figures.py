@@ -20,6 +20,7 @@ from ffl.report.page import COLOURS
 
 POINTS = 2000  # most points of a curve
 LINEAR = 30.0  # log-likelihood up to which bars are drawn to scale
+FEW = 3  # decades that leave room for ticks between them
 
 
 def mismatch_map(ax: Axes, m: Map, title: str, top: float) -> Axes:
@@ -68,7 +69,11 @@ def map_with_data(ax: Axes, p: MapPicture) -> Axes:
     low, high = np.quantile(p.wanted, [0.002, 0.998])
     ax.plot(p.x[::step], p.wanted[::step], ".", markersize=3, color=COLOURS[5], alpha=0.4,
             label="asked for by the data", rasterized=True)  # fmt: skip
-    ax.plot(p.grid, p.values, color=COLOURS[1], linewidth=2.0, label="free map")
+    if p.along:  # it has no one value for each x
+        ax.plot(p.grid[::step], p.values[::step], ".", color=COLOURS[1], markersize=1.5,
+                label="free map", rasterized=True)  # fmt: skip
+    else:
+        ax.plot(p.grid, p.values, color=COLOURS[1], linewidth=2.0, label="free map")
     if p.formula is not None:
         ax.plot(p.grid, p.formula, "--", color=COLOURS[6], label="formula")
         low, high = min(low, p.formula.min()), max(high, p.formula.max())
@@ -112,9 +117,28 @@ def ports(ax: Axes, ranked: Sequence[tuple[str, float]]) -> Axes:
     at = np.arange(len(ranked))
     ax.barh(at, [value for _, value in ranked][::-1], color=COLOURS[0])
     ax.set_yticks(at, [name for name, _ in ranked][::-1])
-    ax.set_xscale("symlog", linthresh=30.0)
+    _signed_log(ax, [value for _, value in ranked])
     ax.set_xlabel("log-evidence of the best map there, over none")
     return ax
+
+
+def _signed_log(ax: Axes, values: Sequence[float]) -> None:
+    """The x axis of bars of either sign: to scale up to LINEAR, beyond it logarithmic, with ticks between
+    the decades where there are few of these."""
+    low, high = min([0.0, *values]), max([0.0, *values])
+    if max(-low, high) <= LINEAR:
+        return
+    ax.set_xscale("symlog", linthresh=LINEAR)
+    decades = 10.0 ** np.arange(1, np.floor(np.log10(max(-low, high))) + 1)
+    between = {1: (1.0, 2.0, 3.0, 5.0), 2: (1.0, 3.0), 3: (1.0, 3.0)}.get(len(decades), (1.0,))
+    steps = np.outer(decades, between).ravel()
+    if len(decades) > FEW:
+        steps = steps[1:]  # 10 and -10 stand too near 0
+    both = np.concatenate([-steps[::-1], [0.0], steps])
+    ax.set_xticks(both[(both >= low) & (both <= high)])
+    if len(decades) <= FEW:
+        ax.xaxis.set_major_formatter("{x:,.0f}")
+    ax.minorticks_off()
 
 
 def _label(rival: Judged) -> str:
@@ -155,21 +179,20 @@ def ladder(ax: Axes, step: Step) -> Axes:
     ax.barh(at + 0.2, fitted, 0.38, color=COLOURS[0], label="fitted")
     ax.barh(at - 0.2, held, 0.38, color=COLOURS[1], label="held out")
     ax.set_yticks(at, names)
-    if max(map(abs, (*fitted, *held)), default=0.0) > LINEAR:
-        ax.set_xscale("symlog", linthresh=LINEAR)
+    _signed_log(ax, [*fitted, *held])
     ax.axvline(0.0, color=COLOURS[6], linewidth=0.8)
     ax.set_xlabel("log-likelihood gained")
     ax.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))  # above: bars fill the axes
     return ax
 
 
-def overlay(ax: Axes, o: Overlay, unit: str) -> Axes:
-    """Measured, simulated before, simulated after."""
+def overlay(ax: Axes, o: Overlay, unit: str, after: str = "after") -> Axes:
+    """Measured, simulated before, simulated `after`, as the legend calls it."""
     step = max(1, len(o.t) // POINTS)
     pairs = (
         ("measured", o.y, 6, "-"),
         ("before", o.y_before, 1, "--"),
-        ("after", o.y_after, 0, ":"),
+        (after, o.y_after, 0, ":"),
     )
     for label, y, colour, line in pairs:
         ax.plot(o.t[::step], y[::step], line, color=COLOURS[colour], label=label)
@@ -178,11 +201,11 @@ def overlay(ax: Axes, o: Overlay, unit: str) -> Axes:
     return ax
 
 
-def errors(ax: Axes, o: Overlay, unit: str) -> Axes:
-    """What is left, before and after."""
+def errors(ax: Axes, o: Overlay, unit: str, after: str = "after") -> Axes:
+    """What is left, before and `after`, as the legend calls it."""
     step = max(1, len(o.t) // POINTS)
     ax.plot(o.t[::step], (o.y - o.y_before)[::step], color=COLOURS[1], label="before")
-    ax.plot(o.t[::step], (o.y - o.y_after)[::step], color=COLOURS[0], label="after")
+    ax.plot(o.t[::step], (o.y - o.y_after)[::step], color=COLOURS[0], label=after)
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"y - simulation [{unit}]")
     ax.legend(ncols=2)

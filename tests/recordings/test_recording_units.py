@@ -27,7 +27,7 @@ def test_factor_between_units(one, other, factor):
     ("factor", "said"),
     [
         (9.6, "rpm for rad/s"), (1.01 / 57.3, "degrees for radians"), (1003.0, "a thousand"),
-        (9.9, "the earth's pull or ten"), (7.7, ""), (-1000.0, "a thousand"),
+        (9.9, "the earth's pull or ten"), (7.7, ""), (-1000.0, "a thousand"), (39.5, "inches for metres"),
     ],
 )  # fmt: skip
 def test_a_factor_has_the_name_of_the_mistake(factor, said):

@@ -10,20 +10,21 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.linear import discrete
 from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freemodel import FreeModel, Part
-from ffl.diagnose.maps.terms import SIGNALS
+from ffl.diagnose.maps.terms import SIGNALS, variable
 from ffl.diagnose.noise.passage import nothing
 from ffl.diagnose.noise.wiener import Wiener, of_force
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects.modal import force_unit, is_speed
 from ffl.systems.state_space import Array, ComplexArray
 
+CARRIED = 0.5  # of a signal of the map's size at one frequency, that the data carry it
 CLEAR = 0.2  # of the driver's largest: where it is smaller, dividing by it shows noise
 
 
 @dataclass(frozen=True)
 class MapPicture:
-    """`x`, `wanted` (N,): data; `grid`, `values` (k,): the map; `formula` (k,) where there is one; labels
-    with units."""
+    """`x`, `wanted` (N,): data; `grid`, `values` (k,): the map, or with `along` (N,): what it gives at
+    every sample; `formula` (k,) where there is one; labels with units."""
 
     title: str
     x_label: str
@@ -33,6 +34,7 @@ class MapPicture:
     grid: Array
     values: Array
     formula: Array | None
+    along: bool = False
 
 
 def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> MapPicture | None:
@@ -53,27 +55,29 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     assert found is not None
     motion = found[1][part.place]
     signal = part.signal(motion)
-    wanted = signal + _beside(scene, free, part, trial.y - found[0].y, signal)
+    wanted = _asked(scene, free, part, trial.y - found[0].y, signal)
     plant = free.model.base.plant
     scale = free.model.simulator.force_per_input if part.place.port == "force" else 1.0
     unit = _unit(free, part)
     title = f"{part.place.words}: {part.term.name}"
+    place, speed = plant.output_unit, f"{plant.output_unit}/s"
+    if is_speed(plant.output_unit):
+        place, speed = f"{plant.output_unit} s", plant.output_unit
+    units = {"x": place, "v": speed, "u": plant.input_unit, "t": "s"}
     if part.term.grid is None or part.term.along_grid is None:
-        edge = np.array([signal.min(), signal.max()]) * scale
+        # Of more than one variable, or of what was before.
+        over = next((name for name in part.term.variables if name in SIGNALS), "time")
+        x = variable(motion, SIGNALS.get(over, "t"))
         return MapPicture(
-            title, f"map of {part.term.name} [{unit}]", f"asked for by the data [{unit}]",
-            signal * scale, wanted * scale, edge, edge, None,
+            title, f"{over} [{units[SIGNALS.get(over, 't')]}]", f"asked for and fitted [{unit}]",
+            x, wanted * scale, x, signal * scale, None, True,
         )  # fmt: skip
     grid = part.term.grid(part.ranges)
     unity = part.term.along_grid(motion, grid, np.ones(len(grid)))
     clear = np.abs(unity) > CLEAR * np.abs(unity).max()
     name = SIGNALS[part.term.along]
-    x = motion.t - motion.t.min() if name == "t" else getattr(motion, name)
+    x = variable(motion, name)
     per = f" per {part.term.driver}" if part.term.driver else ""
-    place, speed = plant.output_unit, f"{plant.output_unit}/s"
-    if is_speed(plant.output_unit):
-        place, speed = f"{plant.output_unit} s", plant.output_unit
-    units = {"x": place, "v": speed, "u": plant.input_unit, "t": "s"}
     return MapPicture(
         title, f"{part.term.along} [{units[name]}]",
         f"asked for and fitted{per}" + ("" if per else f" [{unit}]"),
@@ -89,8 +93,11 @@ def _unit(free: FreeModel, part: Part) -> str:
     return force_unit(plant) if part.place.port == "force" else plant.input_unit or "input"
 
 
-def _beside(scene: Scene, free: FreeModel, part: Part, e: Array, signal: Array) -> Array:
-    """The least signal at the port that explains the residual `e`."""
+def _asked(scene: Scene, free: FreeModel, part: Part, left: Array, signal: Array) -> Array:
+    """The least signal at the port that explains what is left without the map: with it the residual is
+    `left`, and what its own `signal` does to y comes back to first order. What the data do not carry is
+    none, whatever the map says, but for what is slower than all they carry: that is the map's (a loop with
+    an integrator hides a constant)."""
 
     def path(f: Array) -> ComplexArray:
         if part.place.port == "command":
@@ -104,4 +111,12 @@ def _beside(scene: Scene, free: FreeModel, part: Part, e: Array, signal: Array) 
         through = replace(through, fast=nothing(mechanics.sample_time))
         return seen * discrete(through).response(f)
 
-    return Wiener(scene, len(e), path)(e, float(np.mean(signal**2)))
+    n, size = len(left), float(np.mean(signal**2))
+    behind = Wiener(scene, n, path)
+    own, power = np.fft.rfft(signal, 2 * n), np.abs(behind.path) ** 2
+    carried = power / (power + behind.noise / max(size, 1e-300))
+    slower = np.arange(len(carried)) < int(np.argmax(carried > CARRIED))
+    done = np.fft.irfft(behind.path * own, 2 * n)  # what comes after the recording too
+    done[:n] += left
+    hidden = np.fft.irfft(np.where(slower, (1.0 - carried) * own, 0.0), 2 * n)[:n]
+    return behind(done, size, None) + hidden

@@ -177,14 +177,14 @@ def _interpolated(x: Array, grid: Array, values: Array) -> Array:
 # --- columns -------------------------------------------------------------------------------------
 
 
-def _along(m: Motion, signal: str) -> Array:
+def variable(m: Motion, signal: str) -> Array:
     """The variable of a map; time is that since the recording began."""
     return m.t - m.t.min() if signal == "t" else getattr(m, signal)  # type: ignore[no-any-return]
 
 
 def _map(driver: Callable[[Motion], Array | float], signal: str, grid: Callable[[Ranges], Array]):  # type: ignore[no-untyped-def]
     def columns(m: Motion, ranges: Ranges) -> Array:
-        value = _along(m, signal)
+        value = variable(m, signal)
         weight = np.broadcast_to(np.asarray(driver(m), float), value.shape)
         return _hats(value, grid(ranges)) * weight[:, None]
 
@@ -193,7 +193,7 @@ def _map(driver: Callable[[Motion], Array | float], signal: str, grid: Callable[
 
 def _driven(driver: Callable[[Motion], Array | float], signal: str):  # type: ignore[no-untyped-def]
     def along(m: Motion, grid: Array, values: Array) -> Array:
-        return driver(m) * _interpolated(_along(m, signal), grid, values)
+        return driver(m) * _interpolated(variable(m, signal), grid, values)
 
     return along
 

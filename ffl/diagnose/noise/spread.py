@@ -13,6 +13,7 @@ West's lags). Reported is the larger of this and of white noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 
 BLOCKS = 20  # of all recordings together
 FEWEST = 2  # of one recording
+STEPS = np.geomspace(
+    1e-5, 0.1, 13
+)  # relative, by which a number with steps in its likelihood is moved
 
 
 def spread(fit: Fit, samples: Sequence[int]) -> Array:
@@ -57,20 +61,60 @@ def own_error_of(judged: Judged, index: int, name: str) -> float | None:
     own = [
         k for k, c in enumerate(judged.model.coordinates) if (c.kind, c.effect) == ("effect", index)
     ]
-    names = [judged.model.coordinates[k].name for k in own]
-    j, white = judged.fit.jacobian[:, own], judged.fit.white
-    if name not in names or not np.isfinite(j).all() or not np.any(j, axis=0).all():
-        return error_of(judged, index, name)
-    root = root_of(j, white, np.zeros(len(own)))
+    found = _error_among(judged, own, index, name)
+    return error_of(judged, index, name) if found is None else found
+
+
+def error_beside(judged: Judged, index: int, name: str, held: str) -> float | None:
+    """As `error_of`, with number `held` of the same effect as it was found: where only what both make
+    together is told, like the slope of a ramp, that is all there is to know of `name`."""
+    others = [
+        k
+        for k, c in enumerate(judged.model.coordinates)
+        if (c.kind, c.effect, c.name) != ("effect", index, held)
+        and np.any(judged.fit.jacobian[:, k])
+    ]
+    return _error_among(judged, others, index, name)
+
+
+def _error_among(judged: Judged, among: Sequence[int], index: int, name: str) -> float | None:
+    """Standard error of number `name` of effect `index`, in its own unit, with none but the coordinates
+    `among` free; None where it is not one of them, or they are not all seen."""
+    coordinates, white = [judged.model.coordinates[k] for k in among], judged.fit.white
+    keys = [(c.kind, c.effect, c.name, c.place) for c in coordinates]
+    wanted, j = ("effect", index, name, None), judged.fit.jacobian[:, among]
+    if wanted not in keys or not np.isfinite(j).all() or not np.any(j, axis=0).all():
+        return None
+    root = root_of(j, white, np.zeros(len(among)))
     assert root is not None
     half, scale = root
-    inflate = max(1.0, judged.fit.cost / max(len(white) - len(own), 1))
+    inflate = max(1.0, judged.fit.cost / max(len(white) - len(among), 1))
     plain = np.sqrt(inflate * np.sum(half**2, axis=1)) / scale
     samples = [len(trial) for trial in judged.scene.trials]
     each = np.fmax(plain, _by_blocks(j, white, half, scale, samples))
-    at = names.index(name)
-    c = judged.model.coordinates[own[at]]
-    return float(each[at]) * (float(judged.model.effects[index].parameters[name]) if c.log else 1.0)
+    at = keys.index(wanted)
+    value = float(judged.model.effects[index].parameters[name])
+    return float(each[at]) * (value if coordinates[at].log else 1.0)
+
+
+def stepped_error_of(judged: Judged, index: int, name: str) -> float | None:
+    """How far number `name` of effect `index` may be moved, all others as they were found, before what is
+    left is surely more: by one in the sum of squares over its own mean, as one standard error of a number
+    with a slope is. The larger way of two, to the next of `STEPS`; None where none is far enough."""
+    model, spec = judged.model, judged.model.effects[index]
+    value = float(spec.parameters[name])
+    bar = judged.scene.cost(model) + max(1.0, judged.fit.cost / max(len(judged.fit.white), 1))
+
+    def cost(moved: float) -> float:
+        other = replace(spec, parameters={**spec.parameters, name: moved})
+        effects = tuple(other if k == index else s for k, s in enumerate(model.effects))
+        return judged.scene.cost(replace(model, effects=effects))
+
+    reach = []
+    for way in (1.0, -1.0):
+        within = [k for k, step in enumerate(STEPS) if not cost(value * (1.0 + way * step)) > bar]
+        reach.append(max(within, default=-1) + 1)
+    return abs(value) * float(STEPS[max(reach)]) if max(reach) < len(STEPS) else None
 
 
 def error_of(judged: Judged, index: int, name: str) -> float | None:

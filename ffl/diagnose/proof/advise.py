@@ -7,7 +7,8 @@ outputs beyond what the rival's own numbers, as uncertain as the recordings leav
     separation^2 = d' (I + J C J')^-1 d,    d = W (y_a - y_b),
 
 J the derivatives of W y_b by its numbers and C their covariance. It is in standard deviations of the
-noise; half its square is the log-likelihood ratio to be expected.
+noise; half its square is the log-likelihood ratio to be expected. An experiment that takes one of the two
+far from where the machine has been seen is none: there neither knows anything.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from ffl.diagnose.proof.experiments import (
 )
 from ffl.diagnose.recorded.trials import Trial, rest_under
 from ffl.effects import EFFECTS
-from ffl.machines.simulator import Simulator
+from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.state_space import Array
 
 ENOUGH = 5.0  # standard deviations that tell two hypotheses apart
@@ -43,7 +44,9 @@ SHRINKS = 6  # halvings of an experiment whose command leaves the range seen
 ROOM = 1.05  # of the range of the command seen
 DRIFTS = 1e-12  # of the largest singular value of a plant: the least of one that integrates
 DOUBT = 0.03  # probability of a rival from which it is worth an experiment
-MANY = 100.0  # times: by how much more a standard error falls nobody can foretell
+MANY = 100.0  # times, or standard deviations: how much more nobody can foretell
+SAME = 0.1  # standard deviations below which two hypotheses are one machine
+REACH = 2.0  # of the ranges seen of y and u: a rival that an experiment takes further runs away
 SHARPER = 1.1  # fold: an experiment that takes no more off a standard error is not worth its run
 SHARP = 0.05  # relative standard error above which a parameter is worth an experiment
 UNSEEN = 1e60  # spread that stands for infinite: of numbers that the data do not see at all
@@ -76,16 +79,27 @@ class Experiment:
                 f"to sharpen {a}: run {self.text} (experiment.csv); its standard error is expected to "
                 f"fall {fold}"
             )
+        if self.idle:
+            return (
+                f"{a} or {b}: with the numbers fitted here both make the same motion, within the noise, in "
+                "every experiment within the range seen; either will do there"
+            )
         if self.separation < 1.0:
             return (
                 f"{a} or {b}: no experiment within the range seen tells them apart (the best, "
                 f"{self.text}, by {self.separation:.2g} standard deviations); go beyond that range"
             )
         enough = "" if self.separation >= ENOUGH else f"; repeat it {self.repeats} times"
+        apart = f"{self.separation:.3g}" if self.separation <= MANY else f"more than {MANY:.0f}"
         return (
             f"{a} or {b}: run {self.text} (experiment.csv); the two are expected to differ by "
-            f"{self.separation:.3g} standard deviations of the noise{enough}"
+            f"{apart} standard deviations of the noise{enough}"
         )
+
+    @property
+    def idle(self) -> bool:
+        """It would tell nothing: what was fitted to the two rivals is one machine."""
+        return bool(self.rivals[1]) and self.separation < SAME
 
     @property
     def repeats(self) -> int:
@@ -98,10 +112,12 @@ def separate(
 ) -> Experiment | None:
     """The experiment by which `one` and `other` differ most."""
     found: list[tuple[float, Design, Trial]] = []
+    lim = limits(other.model, scene.trials)
     for design, trial in _designs(scene, other.model):
-        first, second = _runs(one, trial, design), _runs(other.model, trial, design)
-        if first is None or second is None:
+        pair = [_runs(each, trial, design) for each in (one, other.model)]
+        if not all(run is not None and _near(run, lim) for run in pair):
             continue
+        first, second = (run.y for run in pair if run is not None)
         whiten = Whitener.of(scene.loop, scene.noise)
         d = whiten(first - second)
         j = whiten(_slopes(other.model, trial, design, second))
@@ -120,7 +136,7 @@ def sharpen(scene: Scene, fit: Fit, index: int, name: str) -> Experiment | None:
         run = _runs(fit.model, trial, design)
         if run is None or design.heavier:
             continue
-        j = Whitener.of(scene.loop, scene.noise)(_slopes(fit.model, trial, design, run))
+        j = Whitener.of(scene.loop, scene.noise)(_slopes(fit.model, trial, design, run.y))
         r = np.asarray(np.linalg.qr(np.vstack([j @ inner, np.eye(inner.shape[1])]), "r"))
         left = scipy.linalg.solve_triangular(r.T, inner[index], lower=True)
         after = float(np.linalg.norm(left))
@@ -167,8 +183,18 @@ def _within(model: Model, design: Design, lim: Limits, step: float, closed: bool
 
 
 def _fits(u: Array, lim: Limits) -> bool:
-    middle, half = 0.5 * sum(lim.command), 0.5 * (lim.command[1] - lim.command[0]) * ROOM
-    return bool(np.all(np.abs(u - middle) <= half))
+    return _inside(u, lim.command, ROOM)
+
+
+def _near(run: Simulation, lim: Limits) -> bool:
+    """Whether a run stays about where the machine has been seen. (A map of a command by its heat, grown
+    beyond what it was fitted to, made the loop run away, and 4e13 standard deviations of difference.)"""
+    return _inside(run.y, (lim.low, lim.high), REACH) and _inside(run.u, lim.command, REACH)
+
+
+def _inside(signal: Array, seen: tuple[float, float], share: float) -> bool:
+    middle, half = 0.5 * sum(seen), 0.5 * (seen[1] - seen[0]) * share
+    return bool(np.all(np.abs(signal - middle) <= half))
 
 
 def _trial(model: Model, signal: Array, lim: Limits, step: float, closed: bool) -> Trial:
@@ -206,12 +232,12 @@ def _rests_at(simulator: Simulator, command: float, lim: Limits) -> float:
     return -command * float(m.c[:n] @ np.linalg.solve(m.a[:n, :n], m.b[:n]))
 
 
-def _runs(model: Model | FreeModel, trial: Trial, design: Design) -> Array | None:
+def _runs(model: Model | FreeModel, trial: Trial, design: Design) -> Simulation | None:
     if isinstance(model, FreeModel):
         found = FreeModel(_heavier(model.model, design), model.parts).simulate(trial)
-        return None if found is None else found[0].y
+        return None if found is None else found[0]
     run = _heavier(model, design).simulate(trial)
-    return None if run.diverged else run.y
+    return None if run.diverged else run
 
 
 def _heavier(model: Model, design: Design) -> Model:
@@ -229,7 +255,7 @@ def _slopes(model: Model, trial: Trial, design: Design, base: Array) -> Array:
         moved = theta.copy()
         moved[k] += step
         other = _runs(model.at(moved), trial, design)
-        columns.append(np.zeros_like(base) if other is None else (other - base) / step)
+        columns.append(np.zeros_like(base) if other is None else (other.y - base) / step)
     return np.column_stack(columns) if columns else np.zeros((len(base), 0))
 
 
@@ -262,9 +288,12 @@ def plan(
     scene: Scene, standing: Fit, outcome: Outcome, nameless: Contest, told: Collection[int]
 ) -> Experiment | None:
     """The experiment that the answer needs most: against the rival in doubt, for a map against the
-    best name, else for the number known worst, of the effects that are `told`, by their places."""
+    best name, else for the number known worst, of the effects that are `told`, by their places. None for
+    what comes at times of its own, bursts and commands lost: no reference calls it."""
     names = standing.model.names
     winner = nameless.winner
+    if nameless.verdict == "unnamed" and winner is None and not told:
+        return None
     if nameless.verdict == "unnamed" and winner is not None:
         rival = standing if names else _runner_up(outcome) or standing
         label = " + ".join(rival.model.names) or "nothing missing"
@@ -294,6 +323,8 @@ def _vaguest(scene: Scene, standing: Fit, told: Collection[int]) -> Experiment |
     for k, (c, spread) in enumerate(zip(standing.model.coordinates, standing.spread, strict=True)):
         if c.kind != "effect" or c.effect not in told or c.place is not None:
             continue
+        if standing.model.names[c.effect] == "drift":
+            continue  # it goes by the clock alone: a longer recording tells more, another reference not
         parameter = EFFECTS[standing.model.names[c.effect]].parameter(c.name)
         value = 1.0 if c.log else abs(float(standing.model.theta[k]))
         if parameter.is_place:

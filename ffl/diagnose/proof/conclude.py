@@ -21,13 +21,14 @@ from ffl.diagnose.maps.freemodel import FreeModel, Running
 from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.picture import MapPicture, picture
 from ffl.diagnose.maps.unnamed import compare
-from ffl.diagnose.predict.observer import needs_observer
-from ffl.diagnose.proof.advise import Experiment, plan
+from ffl.diagnose.proof.advise import plan
+from ffl.diagnose.proof.counsel import advice_of, other_model
 from ffl.diagnose.proof.findings import finding
 from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
 from ffl.diagnose.proof.rules import Ended, Said, verdict_of
-from ffl.diagnose.proof.verdict import BEYOND, UNDECIDED, in_their_state, rounding
+from ffl.diagnose.proof.verdict import BEYOND, in_their_state, rounding
 from ffl.diagnose.recorded import sound, where
+from ffl.diagnose.recorded.compared import stated_delay
 from ffl.diagnose.recorded.mistaken import too_large
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.states import linear_share, states
@@ -161,7 +162,7 @@ def conclude(
             heard = () if said.verdict == "unnamed" else said.told
             experiment = plan(standing.scene, standing.fit, outcome, nameless, heard)
     mistaken = said.nothing_claimed and ended.mistaken
-    advice = _advice(said.verdict, place, experiment, model)
+    advice = advice_of(said.verdict, place, experiment, model)
     findings: tuple[Finding, ...] = ()
     if said.verdict != "unnamed" and not said.nothing_claimed:
         elsewhere = none_of_them(said.verdict == "explained", ended.loud, ended.far)
@@ -176,7 +177,7 @@ def conclude(
         corrections=moved,
         proof=proof,
         advice=(too_large(ended.times),) if mistaken else advice,
-        experiment=experiment,
+        experiment=None if experiment is not None and experiment.idle else experiment,
         soundness=health,
         steps=tuple(outcome.steps),
         judged=standing,
@@ -241,11 +242,12 @@ def _remarks(
     if said.verdict == "unnamed" and stands.maps and (undone := _undone(stands)):
         yield undone
     if said.verdict == "unnamed" and (lead := ahead(stands.contest)) is not None:
+        late = stated_delay(model) * model.sample_time >= lead
         yield (
             f"y is {1e3 * lead:.3g} ms ({lead / model.sample_time:.2g} samples) ahead of what the model "
             "makes of u, whatever the motion: the columns were read at other moments of a sample, or u "
-            "behind a filter; move y by so much, or take it out of the delay in the plant file"
-        )
+            "behind a filter; move y by so much"
+        ) + ", or take it out of the delay in the plant file" * late
     lowered = proof.nrmse_after < NOTICED * proof.nrmse_before
     if said.verdict == "nothing_missing" and lowered and not moved:
         yield (
@@ -293,17 +295,6 @@ def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
     return tuple(p for p in drawn if p is not None)
 
 
-def _other_model(model: Plant) -> str:
-    """What to try where the model is unlike the machine; not once more what it came from."""
-    if not model.is_identified:
-        return "identify a linear model of this machine first: ffl identify linear"
-    return (
-        "the model was identified from a recording that its form does not fit, feedback or strong "
-        'physics in it: state what is known instead (mass or inertia as form = "czpk", and the '
-        "[controller]), or identify from small motion, or without the controller"
-    )
-
-
 def _undone(stands: Stands) -> str | None:
     """What a formula adds in proportion to the speed and a damping fitted beside it takes back. (Of a
     brake on a part of the way came one there that pushes 10.92 v everywhere, and 130 % more damping.)"""
@@ -319,34 +310,6 @@ def _undone(stands: Stands) -> str | None:
         f"{pushes - holds:+.2g} velocity: what is missing is the rest of the formula, beside the damping "
         "of the plant file"
     )
-
-
-def _advice(
-    said: str, place: where.Place, experiment: Experiment | None, model: Plant
-) -> tuple[str, ...]:
-    if said == "inconclusive" and "unlike" in place.where:
-        return (_other_model(model),)
-    if said == "inconclusive" and "hold" in place.where:
-        begin = "record one wave at half and at full size: what does not scale is the physics"
-        if not model.is_identified:
-            begin = "begin with ffl identify linear"
-        return (f"fit and judge by recordings over the same range, or {begin}",)
-    out = [] if experiment is None else [experiment.advice]
-    if said == "inconclusive" and not place.where.startswith(UNDECIDED):
-        out.append(
-            "what is left is louder than the noise that the plant file states, and nothing of the "
-            "catalogue explains it: record standstill for the noise, and slow moves with reversals"
-        )
-    if said == "unnamed" and experiment is None:
-        out.append(
-            "record the same move twice: what comes back is the machine, what does not is not"
-        )
-        if model.controller is None and needs_observer(model):
-            out.append(
-                "if a controller held the machine, state it and record r: u beside both shows whether "
-                "the recording is what it says"
-            )
-    return tuple(out)
 
 
 def _ended(model: Plant, health: sound.Soundness, where_: str, component: str, advice: str):  # type: ignore[no-untyped-def]
@@ -387,5 +350,5 @@ def too_short(model: Plant, health: sound.Soundness, samples: int) -> Diagnosis:
 
 def unlike(model: Plant, health: sound.Soundness, why: str) -> Diagnosis:
     return _ended(
-        model, health, why, "plant", _other_model(model)
+        model, health, why, "plant", other_model(model)
     )  # fmt: skip

@@ -54,6 +54,7 @@ class Proof:
     interval: tuple[float, float]
     overlays: tuple[Overlay, ...]
     nrmse_with_map: float | None = None  # of the map that has no name, where that is the answer
+    u_nrmse_with_map: float | None = None  # the same of the command, where that is compared at all
     untold: bool = False
     observed: bool = False
 
@@ -62,6 +63,16 @@ class Proof:
         """Whether y is nearer to what was recorded than before, or u is."""
         pairs = ((self.nrmse_before, self.nrmse_after), (self.u_nrmse_before, self.u_nrmse_after))
         return any(None not in (b, a) and a < b for b, a in pairs)  # type: ignore[operator]
+
+    @property
+    def left(self) -> float:
+        """The error of y with all that the answer has, the map included."""
+        return self.nrmse_after if self.nrmse_with_map is None else self.nrmse_with_map
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether what is left is no more than what noise alone would leave, by its own estimate."""
+        return not self.untold and self.left <= self.noise_floor
 
     @property
     def withdrawn(self) -> Proof:
@@ -120,7 +131,10 @@ def with_map(proof: Proof, held: Scene, maps: FreeModel) -> Proof:
         for o, run in zip(proof.overlays, after, strict=True)
     )
     error = nrmse([t.recorded.y for t in held.trials], [run.y for run in after])
-    return replace(proof, overlays=overlays, nrmse_with_map=error)
+    sent = None
+    if proof.u_nrmse_after is not None:
+        sent = nrmse([t.recorded.u for t in held.trials], [run.u for run in after])
+    return replace(proof, overlays=overlays, nrmse_with_map=error, u_nrmse_with_map=sent)
 
 
 def prove(

@@ -10,12 +10,20 @@ from ffl.diagnose.recorded.holds import stands
 from ffl.effects.modal import is_speed
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
-from ffl.systems.zpk import as_state_space
+from ffl.systems.zpk import Zpk, as_state_space
 
 STILL = 0.999  # a slower pole forgets too slowly to be compared below the corner
 CORNER = 0.3  # of the mean frequency of u: where that begins
 SPAN = 5  # samples over which the speed is read
 WHILE = 21  # the same for standstill
+AT_ZERO = 1e-9  # magnitude of a pole that only delays
+
+
+def stated_delay(plant: Plant) -> int:
+    """Samples by which the plant file says that u acts late: all that can be taken out of it."""
+    system = plant.system
+    own = system.delay if isinstance(system, Zpk) else 0
+    return own + int(np.sum(np.abs(system.poles) < AT_ZERO))
 
 
 def moved_by(plant: Plant, y: Array) -> list[Array]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ffl.diagnose.hypothesis.linear import corrected_plant, corrections_of
 from ffl.diagnose.recorded.against_controller import Fault
-from ffl.diagnose.recorded.compared import compared, moved_by
+from ffl.diagnose.recorded.compared import compared, moved_by, stated_delay
 from ffl.diagnose.recorded.equation import SHIFTS
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -56,10 +56,11 @@ def early(plant: Plant, recording: Recording) -> Fault | None:
     (least, factor), stands = shares[k], shares[0][0]
     if k == 0 or least > min(ALIKE, CLEAR * stands) or not 1.0 / NEAR < factor < NEAR:
         return None
+    late = "" if stated_delay(plant) < k else ", or take so much delay out of the plant file"
     return Fault(
         recording.source, "shift", "the time base",
         f"y answers u {k} sample{'s'[: k > 1]} ({k * plant.sample_time:.4g} s) before the model does: "
-        "align the columns, or take so much delay out of the plant file",
+        f"align the columns{late}",
     )  # fmt: skip
 
 

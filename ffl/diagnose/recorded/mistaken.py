@@ -19,7 +19,7 @@ from ffl.diagnose.recorded.compared import compared, factor_of, held_by, moved_b
 from ffl.diagnose.recorded.early import early
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
-from ffl.recordings.units import factor_between, looks_like
+from ffl.recordings.units import NEAR, factor_between, looks_like
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array, StateSpace
 from ffl.systems.zpk import Zpk
@@ -34,6 +34,7 @@ MODERATE = 30.0  # what friction may make of a factor; units are further off
 TURNED = 0.35  # of y's variance: what u with its sign turned must leave at most
 HOLD = 2  # of the forces along the motion: drag and dry friction, which only ever hold it back
 LONGEST = 20000  # samples looked at
+UNSURE = 0.1  # of a factor: a doubt beyond it fits any unit
 BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to speak against it
 LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried, and
 # limits by the largest: a controller winds up beyond its drive's.
@@ -129,12 +130,17 @@ def mistaken(plant: Plant, recording: Recording) -> Fault | None:
             "mapping, or the plant's gain",
         )  # fmt: skip
     if alone and left > ALIKE and (beyond := _far_beyond(plant, u, y)):
-        told = too_large(beyond, ", friction, drag and load aside")
+        told = too_large(*beyond, but=", friction, drag and load aside")
         return Fault(name, "unit", "the unit of y or u, or the plant's gain", told)
     wrong = left < ALIKE and factor > 0 and not 1.0 / FACTOR < factor < FACTOR
     wrong = wrong and not _refuted(plant, recording, n, factor)
     if wrong and not (factor < 1.0 and _held_back(plant, u, y, left)):
-        return Fault(name, "unit", "the unit of y or u, or the plant's gain", too_large(factor))
+        told = too_large(factor, left)
+        beside, rest = _held_beside(plant, u, y, 1.0)
+        off = beside > FACTOR if factor > 1.0 else 0.0 < beside < 1.0 / FACTOR
+        if off and rest < BETTER * left:  # friction had its share in the factor
+            told = too_large(beside, rest, ", friction and drag aside")
+        return Fault(name, "unit", "the unit of y or u, or the plant's gain", told)
     return early(plant, recording) if alone else None
 
 
@@ -157,12 +163,16 @@ def _refuted(plant: Plant, recording: Recording, n: int, factor: float) -> bool:
     return not share < UNALIKE
 
 
-def too_large(factor: float, but: str = "") -> str:
+def too_large(factor: float, left: float = 1e-4, but: str = "") -> str:
     """What to look at where y per u is `factor` times the model's, by more than a model is off, `but` for
-    what."""
-    known = looks_like(factor)
+    what; `left`: the share of y's variance that it leaves, which bounds the digits that are known. (Beside
+    5 N of friction y in inches for metres was 23, 29 and 28 times the model's, and 39.5, 39.4 and 39.4
+    times with the friction aside.)"""
+    doubt = float(np.clip(np.sqrt(left), 1e-4, 1.0))
+    digits = int(np.clip(np.floor(-np.log10(doubt)) + 1, 2, 4))
+    known = looks_like(factor, float(np.clip(doubt, NEAR, UNSURE)))
     return (
-        f"y is {factor:.4g} times what the model makes of u{but}"
+        f"y is {'about ' * (digits < 3)}{factor:.{digits}g} times what the model makes of u{but}"
         + (f" ({known}?)" if known else "")
         + ": check the gain of the plant file and the units of y and u in the mapping"
     )
@@ -187,15 +197,16 @@ def _held_beside(
     return float(weights[0]), left
 
 
-def _far_beyond(plant: Plant, u: Array, y: Array) -> float | None:
-    """The factor by which y is larger than G u less forces that hold the machine back, or those and a load,
-    where it is one that no model is off by: they never make it larger. (A y in mm for m: 1,010 times
-    beside 7 N of dry friction, 1,010 beside 137 N that hang, 1,070 beside both, 0.00002, 0.0001 and 0.02 of
-    its variance left; a factor alone leaves 0.31 to 0.9. Of 317 recordings without such a mistake none.)"""
+def _far_beyond(plant: Plant, u: Array, y: Array) -> tuple[float, float] | None:
+    """(Factor by which y is larger than G u less forces that hold the machine back, or those and a load,
+    share of y's variance that is left), where the factor is one that no model is off by: they never make
+    it larger. (A y in mm for m: 1,010 times beside 7 N of dry friction, 1,010 beside 137 N that hang, 1,070
+    beside both, 0.00002, 0.0001 and 0.02 of its variance left; a factor alone leaves 0.31 to 0.9. Of 317
+    recordings without such a mistake none.)"""
     for hung in (False, True):
         factor, left = _held_beside(plant, u, y, 1.0, hung)
         if factor > MODERATE and left < TURNED:
-            return factor
+            return factor, left
     return None
 
 

@@ -12,7 +12,7 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.corrections import _of_stated
 from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO, corrected, discrete, has_zero
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.proof.conclude import _other_model
+from ffl.diagnose.proof.counsel import other_model
 from ffl.effects import mechanics_of
 from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec, Physics, Plant
@@ -75,8 +75,8 @@ def test_a_load_that_was_as_good_as_none_is_given_as_it_is():
 
 
 def test_advice_does_not_lead_in_a_circle():
-    assert "ffl identify linear" in _other_model(bent(source="by hand"))
-    came = _other_model(bent(source="ffl identify linear, output_error, order 2, from a.csv"))
+    assert "ffl identify linear" in other_model(bent(source="by hand"))
+    came = other_model(bent(source="ffl identify linear, output_error, order 2, from a.csv"))
     assert "identify linear" not in came
     assert "[controller]" in came
 

@@ -17,6 +17,7 @@ from ffl.diagnose.maps.form import held_gain
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import FreeModel, evidence
 from ffl.diagnose.maps.gains import left_alone
+from ffl.diagnose.maps.picture import _asked
 from ffl.diagnose.maps.terms import TERMS, ranges_of
 from ffl.diagnose.maps.unnamed import _beside_numbers
 from ffl.diagnose.noise.noise import Noise
@@ -81,6 +82,23 @@ def test_a_rubber_stop_is_unnamed_with_its_variable_and_formula(stopped):  # typ
     assert stiffness == pytest.approx(STIFFNESS, rel=0.03)
     proof = answer["validation"]
     assert proof["nrmse_with_map"] < 1.3 * proof["noise_floor"] < 0.1 * proof["nrmse_before"]
+
+
+def test_dots_beside_a_map_are_what_the_data_carry(stopped):  # type: ignore[no-untyped-def]
+    """Not the map again: of what y does not show none is asked for, whatever the map says."""
+    winner = stopped.nameless.winner
+    (part,) = winner.free.parts
+    n = len(winner.scene.trials[0])
+    t = np.arange(n) * winner.scene.trials[0].sample_time
+    nothing = np.zeros(n)
+    shown = 0.5 * np.sin(2 * np.pi * t) ** 2
+    asked = _asked(winner.scene, winner.free, part, nothing, shown)
+    assert np.std(asked - shown) < 0.1 * np.std(shown)
+    level = _asked(winner.scene, winner.free, part, nothing, np.full(n, 0.5))
+    assert np.median(level) == pytest.approx(0.5, rel=0.1)
+    hidden = 1e-3 * np.sin(2 * np.pi * 200.0 * t)
+    asked = _asked(winner.scene, winner.free, part, nothing, hidden)
+    assert np.std(asked) < 0.1 * np.std(hidden)
 
 
 def test_the_experiment_stays_within_what_was_seen_and_is_a_file(stopped, stage, tmp_path):  # type: ignore[no-untyped-def]
@@ -253,7 +271,14 @@ def test_rivals_are_told_apart_by_what_they_would_do(scene):  # type: ignore[no-
     assert e.separation == max(value for _, value in e.tried)
     again = separate(ground, friction, fit(ground, friction, rounds=0), ("one", "the same"))
     assert again.separation < 1e-6
-    assert "no experiment within the range seen" in again.advice
+    assert again.idle
+
+
+def test_an_experiment_in_which_a_rival_runs_away_is_not_proposed(scene):  # type: ignore[no-untyped-def]
+    ground, model = scene
+    viscous = fit(ground, model.with_effect(EffectSpec("viscous_friction", {"coefficient": 20.0})))
+    falls = model.with_effect(EffectSpec("linear_stiffness", {"stiffness": -3e4, "centre": 0.0}))
+    assert separate(ground, falls, viscous, ("falls", "viscous")) is None
 
 
 @pytest.mark.parametrize(

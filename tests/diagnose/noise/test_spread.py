@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +10,8 @@ import pytest
 import scipy.signal
 
 from ffl.diagnose.hypothesis.fit import Fit
-from ffl.diagnose.noise.spread import error_of, own_error_of, spread
+from ffl.diagnose.noise.spread import error_of, own_error_of, spread, stepped_error_of
+from ffl.systems.plant import EffectSpec
 
 TRUE = np.array([2.0, -1.0])
 N = 4000
@@ -119,3 +120,28 @@ def test_what_no_sample_sees_has_no_error_of_its_own():
     own[:, 0] = 1.0
     judged = judged_of(np.column_stack([np.linspace(0.0, 1.0, N), own]), np.ones(N))
     assert own_error_of(judged, 0, "phase") == error_of(judged, 0, "phase")
+
+
+@dataclass(frozen=True)
+class Sticks:
+    effects: tuple[EffectSpec, ...]
+
+
+@pytest.mark.parametrize(("flat", "said"), [(0.01, 0.0100001), (1e-7, 1e-5), (0.5, None)])
+def test_a_number_that_acts_in_steps_is_told_by_how_far_it_may_be_moved(flat, said):
+    """What is left stays as it is within a share `flat` of 2 % and is far more beyond."""
+
+    def cost(model):  # type: ignore[no-untyped-def]
+        return 100.0 if abs(model.effects[0].parameters["band"] / 2.0 - 1.0) < flat else 200.0
+
+    judged = SimpleNamespace(
+        model=Sticks((EffectSpec("valve_stiction", {"band": 2.0}),)),
+        scene=SimpleNamespace(cost=cost),
+        fit=SimpleNamespace(cost=100.0, white=np.zeros(100)),
+    )
+    found = stepped_error_of(judged, 0, "band")
+    if said is None:
+        assert found is None
+    else:  # to the next step that was tried
+        assert 2.0 * said <= found * 1.0001
+        assert found < 2.0 * 2.2 * max(said, flat)

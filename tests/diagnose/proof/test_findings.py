@@ -60,3 +60,38 @@ def test_errors_of_what_follows_from_the_numbers(found):
     assert both == pytest.approx([3.0 * found.spread[-1], np.sqrt(two.sum())], rel=1e-6)
     one_sided = errors_through(found, lambda m: None if m.theta[-1] > model.theta[-1] else m.theta)
     assert one_sided == pytest.approx(found.spread, rel=1e-6)
+
+
+def drifting(stage, references, drift):  # type: ignore[no-untyped-def]
+    rng = np.random.default_rng(5)
+    machine = SimulatedMachine(replace(stage, effects=(drift,)))
+    recording = machine.run(references[0], PUSH * rng.standard_normal(len(references[0])), rng)
+    base = Base.of(stage)
+    trial = prepare(base.simulator, recording, stage.machine.sensor_noise)
+    noise = Noise(stage.machine.sensor_noise, stage.machine.force_noise)
+    found = judge(Scene(stage.loop, (trial,), noise), None, Model(base).with_effect(drift), 10)
+    return finding(found, 0, Outcome(found, [], None, {}), stage, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "lasts"), [("ramp", 3.0), ("exponential", 3000.0), ("exponential", 0.5)]
+)
+def test_of_a_drift_that_does_not_end_the_slope_is_told(stage, references, kind, lasts):
+    """Amplitude and time constant apart are nobody's to know; of one that settles they are told."""
+    told = drifting(
+        stage,
+        references,
+        EffectSpec("drift", {"amplitude": -2.0 * lasts, "time_constant": lasts}, {"kind": kind}),
+    )
+    amplitude, constant = told.parameters["amplitude"], told.parameters["time_constant"]
+    if lasts < 1.0:
+        assert constant.std_error is not None
+        assert "drifts by" in told.says
+        return
+    assert constant.std_error is None
+    assert "only amplitude/time_constant" in constant.note
+    slope, error = amplitude.value / constant.value, amplitude.std_error / constant.value
+    assert 0.0 < error < 0.2
+    assert slope == pytest.approx(-2.0, abs=4.0 * error)
+    assert f"± {error:.2g} " in told.says
+    assert "/s all through" in told.says

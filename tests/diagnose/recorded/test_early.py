@@ -47,6 +47,14 @@ def test_a_command_that_is_stamped_late_is_said(stage, drive, samples):  # type:
     assert f"{samples} sample" in fault.mend
 
 
+@pytest.mark.parametrize("delay", [0, 3, 4])
+def test_only_a_delay_that_is_stated_can_be_taken_out(drive, delay):  # type: ignore[no-untyped-def]
+    made = plant_from_dict({**SPRUNG, "plant": {**SPRUNG["plant"], "delay": delay}})  # type: ignore[dict-item]
+    u = np.roll(drive, 4)
+    late = Recording.from_signals(STEP, u=u, y=recorded(made.system, drive), source="run.csv")
+    assert ("out of the plant file" in early(made, late).mend) == (delay == 4)  # type: ignore[union-attr]
+
+
 def test_a_friction_does_not_hide_it(stage, drive):  # type: ignore[no-untyped-def]
     y = recorded(stage.system, drive, dry=0.1)
     late = Recording.from_signals(STEP, u=np.roll(drive, 4), y=y, source="run.csv")

@@ -12,7 +12,7 @@ from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.corrections import corrections, times_as_much
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.recorded.compared import factor_of
-from ffl.diagnose.recorded.mistaken import ALIKE, _held_beside, mistakes
+from ffl.diagnose.recorded.mistaken import ALIKE, _held_beside, mistakes, too_large
 from ffl.machines import SimulatedMachine
 from ffl.machines.simulator import Simulator
 from ffl.recordings import Recording
@@ -57,6 +57,34 @@ def test_open_loop(motor, driven, kind, spoil, mend):
     found = mistakes(motor, [replace(driven, **spoil(driven))])
     assert [f.kind for f in found] == ([kind] if kind else [])
     assert all(mend in f.mend for f in found)
+
+
+def test_a_factor_is_told_without_the_friction_in_it_and_no_finer_than_it_is_known():
+    """Dry friction makes less of y than the inches for metres do, which are 39.4 times as many."""
+    made = plant_from_dict(
+        {
+            "name": "slide",
+            "sample_time": STEP,
+            "units": {"input": "N", "output": "m"},
+            "plant": {"form": "czpk", "zeros": [], "poles": [0.0, -1.75], "gain": 0.125},
+            "physics": {"mass": 8.0, "motor_constant": 1.0},
+        }
+    )
+    t, rng = STEP * np.arange(3000), np.random.default_rng(3)
+    u = sum(a * np.sin(2 * np.pi * f * t + f) for a, f in ((14.0, 0.31), (9.0, 0.83), (7.0, 1.7)))
+    y = Simulator(made).run((EffectSpec("coulomb_friction", {"level": 5.0}),), feedforward=u).y
+    y = (y + 1e-6 * rng.standard_normal(len(u))) / 0.0254
+    run = Recording.from_signals(STEP, u=u, y=y, source="run.csv")
+    alone, left = factor_of(made, u, y)
+    assert alone < 33.0
+    assert left < ALIKE
+    (fault,) = mistakes(made, [run])
+    assert "inches for metres?" in fault.mend
+    said = fault.mend.split("y is ")[1].split(" times")[0].removeprefix("about ")
+    assert float(said) == pytest.approx(39.4, rel=0.05)
+    assert "about 23 times" in too_large(23.42, 0.0315)
+    assert "about" not in too_large(39.53, 8e-6)
+    assert "39.5 times" in too_large(39.53, 8e-6)
 
 
 def test_what_is_merely_nonlinear_is_no_mistake(motor, driven):
