@@ -14,7 +14,12 @@ from ffl.diagnose.maps.freeform import calmed
 from ffl.diagnose.maps.freemodel import FreeScreen
 from ffl.diagnose.maps.gains import MARGIN, within_the_line
 from ffl.diagnose.maps.outcome import Contest
-from ffl.diagnose.maps.retold import beside_formula, surprise, with_the_stated_mass
+from ffl.diagnose.maps.retold import (
+    beside_formula,
+    surprise,
+    with_the_stated_mass,
+    with_the_stated_number,
+)
 
 NEEDED = 0.03  # of a map's evidence that shuffling a variable must cost
 
@@ -25,7 +30,8 @@ def described(contest: Contest, scene: Scene, rng: Generator) -> Contest:
     if contest.verdict == "unnamed" and contest.alone is not None:
         if within_the_line(scene, contest.alone):  # and the names it beats stand for no more
             return Contest("nothing", None, None, 0.0, 0.0, None)
-        contest = replace(contest, alone=with_the_stated_mass(calmed(contest.alone)))
+        stated = with_the_stated_number(with_the_stated_mass(calmed(contest.alone)))
+        contest = replace(contest, alone=stated)
     winner = contest.winner
     assert winner is not None
     screen = FreeScreen(winner.scene, winner.free)

@@ -117,7 +117,8 @@ def formula(
     if not held:
         table, target = screen.beyond(table), screen.beyond(target)
     r, q = triangle(table, target)
-    best = float(q @ q) - float(np.sum((q - r @ part.coefficients) ** 2))
+    drawn = np.linalg.lstsq(r, q, rcond=1e-10)[0] if held else part.coefficients
+    best = float(q @ q) - float(np.sum((q - r @ drawn) ** 2))
     if part.term.bank is not None:
         return _of_history(screen, part, along, target, best, scale)
     if part.term.grid is None:

@@ -66,6 +66,31 @@ def with_the_stated_mass(alone: FreeForm) -> FreeForm:
     return replace(same, alike=alone.alike, untold=alone.untold)
 
 
+def with_the_stated_number(alone: FreeForm) -> FreeForm:
+    """The same where one map of the speed, or of the position, stands beside a damping, or a stiffness,
+    that is not the stated one: that much of the map's straight part is its own."""
+    free = alone.free
+    own = STRAIGHT.get(alone.parts[0].term.name, "") if len(alone.parts) == 1 else ""
+    value = free.model.corrections.get(own, 0.0)
+    at = [
+        k for k, c in enumerate(free.model.coordinates) if (c.kind, c.name) == ("correction", own)
+    ]
+    now = run_of(alone.scene, free)
+    if not (value and at and now):
+        return alone
+    part, screen = alone.parts[0], FreeScreen(alone.scene, free)
+    assert part.term.grid is not None
+    z = part.term.grid(part.ranges)
+    line = traces(screen, free, now.motions)[0] @ z
+    slope = value * float(line @ screen.slopes[:, at[0]]) / max(float(line @ line), 1e-300)
+    numbers = {**free.model.corrections, own: 0.0}
+    turned = replace(part, coefficients=part.coefficients + slope * z)
+    same = from_there(alone, FreeModel(replace(free.model, corrections=numbers), (turned,)))
+    if same is None or not _alike(same, alone, ALIKE):
+        return alone
+    return replace(same, alike=alone.alike, untold=alone.untold)
+
+
 def beside_formula(found: FreeForm, said: Formula, scale: float) -> FreeForm | None:
     """`found`, of one map, beside the numbers that suit the formula in its place; None where its straight
     part is no number of the model's, or the formula leaves much more than the map. `scale`: of the map to

@@ -14,7 +14,12 @@ from ffl.diagnose.maps.formula import library
 from ffl.diagnose.maps.freeform import BENT, _started, _unbent, free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, Part
 from ffl.diagnose.maps.picture import picture
-from ffl.diagnose.maps.retold import beside_formula, surprise, with_the_stated_mass
+from ffl.diagnose.maps.retold import (
+    beside_formula,
+    surprise,
+    with_the_stated_mass,
+    with_the_stated_number,
+)
 from ffl.diagnose.maps.terms import TERMS, ranges_of
 from ffl.diagnose.recorded.trials import start_of
 from ffl.effects import Motion
@@ -45,7 +50,10 @@ def test_a_map_is_told_beside_the_numbers_of_its_formula(stage, record, scenes):
     model = replace(nominal, corrections={"damping": BESIDE})
     alone = judged(scene, held, FreeModel(model, (part,)), 1e3)
     assert alone is not None
-    said, told = _told(FreeScreen(scene, alone.free), alone, 0, constant)
+    stated = with_the_stated_number(alone)
+    assert abs(stated.free.model.corrections["damping"]) < 0.1 * BESIDE
+    assert stated.cost < 1.05 * alone.cost
+    said, told = _told(FreeScreen(scene, stated.free), stated, 0, constant)
     assert said is not None
     assert "velocity |velocity|" in said.text
     assert abs(told.free.model.corrections["damping"]) < 0.1 * BESIDE
