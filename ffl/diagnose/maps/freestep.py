@@ -165,7 +165,7 @@ def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
     they are believed (`Coordinate.doubt`), beside what the maps do not explain yet: louder than noise, it
     tells them no better than its own size."""
     j = screen.slopes
-    if not (np.all(np.isfinite(j)) and np.all(np.isfinite(left))):
+    if not (np.all(np.abs(j) < RUNAWAY) and np.all(np.abs(left) < RUNAWAY)):
         return np.zeros(j.shape[1])  # a run next to this one leaves all bounds
     loud = max(float(np.sqrt(np.mean(left**2))), 1.0)
     belief = loud * np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
