@@ -170,7 +170,8 @@ def _numbers(screen: FreeScreen, model: Model, left: Array) -> Array:
     loud = max(float(np.sqrt(np.mean(left**2))), 1.0)
     belief = loud * np.sqrt(1.5) / np.array([c.doubt for c in model.coordinates])
     size = np.linalg.norm(j, axis=0)
-    size = np.where(size > 0.0, size, belief)  # what says nothing goes back to nominal
+    # What says nothing goes back to nominal, or stays where nothing is believed of it.
+    size = np.where(size > 0.0, size, np.where(belief > 0.0, belief, 1.0))
     stacked = np.vstack([j / size, np.diag(belief / size)])
     target = np.append(left, -belief * model.theta)
     return np.linalg.lstsq(stacked, target, rcond=1e-9)[0] / size

@@ -89,3 +89,15 @@ def test_numbers_that_show_nothing_go_back_to_nominal_however_far_a_map_ran():
     step = freestep._numbers(seen, told, 1e6 * seen.slopes[:, 1])
     assert step[0] == pytest.approx(-0.01)
     assert np.all(np.isfinite(step))
+
+
+def test_a_number_of_a_name_that_shows_nothing_stays():
+    """Nothing is believed of an effect's number beside a map (20270128/0001 ended in an error)."""
+    coordinates = [SimpleNamespace(doubt=np.inf), SimpleNamespace(doubt=1.4)]
+    told = SimpleNamespace(theta=np.array([3.0, -0.2]), coordinates=coordinates)
+    slopes = np.column_stack([np.zeros(50), np.linspace(1.0, 2.0, 50)])
+    step = freestep._numbers(SimpleNamespace(slopes=slopes), told, 0.1 * slopes[:, 1])
+    assert step[0] == 0.0
+    assert step[1] == pytest.approx(0.1, rel=0.05)
+    huge = SimpleNamespace(slopes=1e200 * slopes)
+    np.testing.assert_array_equal(freestep._numbers(huge, told, slopes[:, 1]), [0.0, 0.0])
