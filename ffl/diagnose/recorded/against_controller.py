@@ -22,6 +22,7 @@ EXACTLY = 0.1  # of what is left as stated: what is left some samples later, if 
 OVERDUE = 9  # samples
 CUT = 8  # samples that must stand at the largest |u|, for it to be a limit that nobody stated
 LIKE = 0.05  # of a factor: as near is that factor
+TAKEN = 0.5  # of what is left of u less f: a gain that leaves more of it is not the controller's
 SCALED = 0.9  # decades from which a factor is a unit
 
 
@@ -169,7 +170,8 @@ def _gain(asked: Asked) -> Fault | None:
     """r and y as a whole against u: their unit, their sign with the plant's, or the controller's gain."""
     eq = asked.equation
     left, (g,), _ = eq.left(eq.u - eq.f, [eq.by_r - eq.by_y])
-    if not (left < asked.good and left < min(asked.behind[0], asked.shift.left)):
+    bare = eq.left(eq.u - eq.f)[0]  # what no feedback at all leaves, beside a large f
+    if not (left < min(asked.good, TAKEN * bare, asked.behind[0], asked.shift.left)):
         return None
     if abs(np.log10(abs(g) + 1e-300)) > SCALED:
         return asked.fault(

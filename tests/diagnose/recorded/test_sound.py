@@ -105,6 +105,18 @@ def test_command_and_feedforward_of_the_other_sign_are_no_controller(stage, fed)
     assert "flip both" in fault.mend
 
 
+def test_a_clipped_sensor_beside_a_large_feedforward_is_no_gain(stage, references):  # type: ignore[no-untyped-def]
+    """20270130/0034: of a y that had stopped feedback was 5 % of u at any gain, and r and y 82 times."""
+    r = references[0]
+    push = np.gradient(np.gradient(r, stage.sample_time), stage.sample_time)
+    push *= stage.physics.mass / stage.physics.motor_constant
+    led = SimulatedMachine(stage).run(r, push, np.random.default_rng(0))
+    assert not soundness(stage, [led]).faults
+    assert np.std(led.u - led.f) < 0.05 * np.std(led.u)
+    (fault,) = soundness(stage, [_with(led, y=np.minimum(led.y, 0.5 * led.y.max()))]).faults
+    assert fault.kind == "clipped_sensor"
+
+
 def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignore[no-untyped-def]
     c = stage.controller.reference
     other = replace(stage, controller=Controller.of_error(replace(c, gain=c.gain / 1.25)))
