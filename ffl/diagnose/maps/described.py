@@ -16,6 +16,7 @@ from ffl.diagnose.maps.gains import MARGIN, within_the_line
 from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.retold import (
     beside_formula,
+    own_number,
     surprise,
     with_the_stated_mass,
     with_the_stated_number,
@@ -68,7 +69,7 @@ def _told(
     that damping three times below zero takes something back from.)"""
     free, white = winner.free, winner.white
     ways = []
-    for held in (True, False):
+    for held in (True, False) if own_number(winner) is not None else ():
         said = formula(screen, free, white, index, scale, whole=False, held=held)
         told = None if said is None else beside_formula(winner, said, scale)
         if told is not None:

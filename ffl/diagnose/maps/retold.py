@@ -22,11 +22,8 @@ from ffl.diagnose.maps.freestep import ROUNDS, numbers_beside, stepped, traces
 from ffl.diagnose.maps.mapped import BY_COMMAND
 
 ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
-GAINS_BY = (
-    "position",
-    "speed",
-    "time",
-)  # of which a map is what a unit of the command does beside 1
+# Of these a map of a command is what a unit of it does beside 1.
+GAINS_BY = ("position", "speed", "time")
 # Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
 STRAIGHT = {"velocity": "damping", "position": "stiffness"}
 
@@ -39,6 +36,13 @@ def from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:
     free, now, _ = found
     ended = judged(like.scene, like.held, free, like.evidence, now.white)
     return None if ended is None else replace(ended, ranking=like.ranking)
+
+
+def own_number(alone: FreeForm) -> int | None:
+    """Which of the model's free numbers the straight part of one map alone is; None where it is none."""
+    wanted = ("correction", STRAIGHT.get(alone.parts[0].term.name))
+    keys = [(c.kind, c.name) for c in alone.free.model.coordinates]
+    return keys.index(wanted) if len(alone.parts) == 1 and wanted in keys else None
 
 
 def with_the_stated_mass(alone: FreeForm) -> FreeForm:
@@ -60,47 +64,35 @@ def with_the_stated_mass(alone: FreeForm) -> FreeForm:
         name: (whole[name] + value) / k - whole[name] if name in whole else value
         for name, value in free.model.corrections.items()
     }
-    same = from_there(alone, FreeModel(replace(free.model, corrections=numbers), (taken,)))
-    if same is None or same.cost > ALIKE * alone.cost or same.held_cost > ALIKE * alone.held_cost:
-        return alone
-    return replace(same, alike=alone.alike, untold=alone.untold)
+    return _if_alike(alone, FreeModel(replace(free.model, corrections=numbers), (taken,)))
 
 
 def with_the_stated_number(alone: FreeForm) -> FreeForm:
     """The same where one map of the speed, or of the position, stands beside a damping, or a stiffness,
     that is not the stated one: that much of the map's straight part is its own."""
-    free = alone.free
-    own = STRAIGHT.get(alone.parts[0].term.name, "") if len(alone.parts) == 1 else ""
-    value = free.model.corrections.get(own, 0.0)
-    at = [
-        k for k, c in enumerate(free.model.coordinates) if (c.kind, c.name) == ("correction", own)
-    ]
-    now = run_of(alone.scene, free)
-    if not (value and at and now):
+    free, at = alone.free, own_number(alone)
+    now = None if at is None else run_of(alone.scene, free)
+    if at is None or now is None or not free.model.theta[at]:
         return alone
     part, screen = alone.parts[0], FreeScreen(alone.scene, free)
     assert part.term.grid is not None
     z = part.term.grid(part.ranges)
     line = traces(screen, free, now.motions)[0] @ z
-    slope = value * float(line @ screen.slopes[:, at[0]]) / max(float(line @ line), 1e-300)
-    numbers = {**free.model.corrections, own: 0.0}
+    slope = (
+        free.model.theta[at] * float(line @ screen.slopes[:, at]) / max(float(line @ line), 1e-300)
+    )
+    numbers = {**free.model.corrections, free.model.coordinates[at].name: 0.0}
     turned = replace(part, coefficients=part.coefficients + slope * z)
-    same = from_there(alone, FreeModel(replace(free.model, corrections=numbers), (turned,)))
-    if same is None or not _alike(same, alone, ALIKE):
-        return alone
-    return replace(same, alike=alone.alike, untold=alone.untold)
+    return _if_alike(alone, FreeModel(replace(free.model, corrections=numbers), (turned,)))
 
 
 def beside_formula(found: FreeForm, said: Formula, scale: float) -> FreeForm | None:
     """`found`, of one map, beside the numbers that suit the formula in its place; None where its straight
     part is no number of the model's, or the formula leaves much more than the map. `scale`: of the map to
-    its unit. (A flywheel's eddy brake: 1,530 % more damping beside the map, -0.4 % beside its formula.)"""
-    if len(found.parts) > 1 or said.values is None:
+    its unit. (A flywheel with an eddy brake: 1,530 % more damping, where its formula needed 1,095.)"""
+    if own_number(found) is None or said.values is None:
         return None
     part = found.parts[0]
-    own = STRAIGHT.get(part.term.name)
-    if own not in [c.name for c in found.free.model.coordinates if c.kind == "correction"]:
-        return None
     drawn = replace(part, coefficients=said.values / scale)
     best = None
     for model in (found.free.model, found.free.model.at(0.0 * found.free.model.theta)):
@@ -132,6 +124,14 @@ def surprise(model: Model) -> float:
     return float(
         sum((t / c.doubt) ** 2 for t, c in zip(model.theta, model.coordinates, strict=True))
     )
+
+
+def _if_alike(alone: FreeForm, free: FreeModel) -> FreeForm:
+    """`alone` told as `free`, which is fitted on; as it is where that leaves more."""
+    same = from_there(alone, free)
+    if same is None or not _alike(same, alone, ALIKE):
+        return alone
+    return replace(same, alike=alone.alike, untold=alone.untold)
 
 
 def _alike(other: FreeForm, found: FreeForm, most: float) -> bool:

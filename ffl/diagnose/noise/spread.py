@@ -27,9 +27,7 @@ if TYPE_CHECKING:
 
 BLOCKS = 20  # of all recordings together
 FEWEST = 2  # of one recording
-STEPS = np.geomspace(
-    1e-5, 0.1, 13
-)  # relative, by which a number with steps in its likelihood is moved
+STEPS = np.geomspace(1e-5, 0.1, 13)  # relative, of a number whose likelihood goes in steps
 
 
 def spread(fit: Fit, samples: Sequence[int]) -> Array:

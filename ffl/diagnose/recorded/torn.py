@@ -54,9 +54,7 @@ def torn(plant: Plant, recording: Recording) -> Fault | None:
         return None
     k, t = at[0], recording.t
     still = _stood(y, k, 0.0)
-    if (
-        not recording.is_open_loop
-    ):  # who is led on does not stand, however much the last digit trembles
+    if not recording.is_open_loop:  # who is led on does not stand, whatever the last digit does
         digit = float(np.min(np.abs(step), initial=np.inf, where=step != 0.0))
         trembling = _stood(y, k, TREMBLES * digit)
         led = float(np.ptp(recording.r[k + 1 - trembling : k + 1]))
