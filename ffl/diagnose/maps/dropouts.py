@@ -315,6 +315,7 @@ def _posteriors(u, seen, power, odds, sign, sweeps):  # type: ignore[no-untyped-
     rate = 1.0 / (1.0 + np.exp(-odds))
     lost, force, left = np.full(n, rate), np.zeros(n), seen.copy()
     least = FAINT / np.sqrt(power[0])
+    both = np.concatenate((power[:0:-1], power))
     for sweep in range(-1, sweeps):
         trust = min(1.0, (sweep + 1.0) / HEATED)
         kept = u[0]
@@ -325,8 +326,9 @@ def _posteriors(u, seen, power, odds, sign, sweeps):  # type: ignore[no-untyped-
             lost[k] = 1.0 / (1.0 + np.exp(-(odds + trust * worth)))
             change = lost[k] * d - force[k]
             if abs(change) > least:
-                for j in range(max(0, k - reach + 1), min(n, k + reach)):
-                    left[j] -= change * power[abs(j - k)]
+                first, end = max(0, k - reach + 1), min(n, k + reach)
+                for j in range(end - first):  # one stride through both: in vector registers
+                    left[first + j] -= change * both[first - k + reach - 1 + j]
                 force[k] += change
             kept = lost[k] * kept + (1.0 - lost[k]) * u[k]
     gain, kept = 0.0, u[0]
