@@ -7,14 +7,14 @@ with every shift, and with every rate of one column's clock against the other's,
 alone and beside the dry friction, load or damper that balances the forces then. The sum of squares
 falls as a parabola on the way to the true one, (k - k_0)^2, to the noise. (5 samples, and 0.15 %, each
 beside Coulomb friction: 1,688 and 1,014 times the stated noise as recorded, 2.3 and 0.2 there; both
-were a friction of half its size and dampers that nobody had.)
+were a friction of half its size and dampers that nobody had.) The same of one recording alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -80,17 +80,19 @@ def off_clock(
     stands = scene.residuals(standing.model)
     most = np.inf if stands is None else _square(scene, stands)
     if most < LOUD:
-        return None
+        return _judge_off(ground, scene, standing)
     say("checking whether a shift or another clock of u would explain what is left")
     fitted = stretches(ground.recordings, LONGEST)
     origins, longest = _origins([*ground.recordings, *ground.validation])
+    shortest = min(map(len, fitted))
 
     @cache
-    def left(clock: _Clock) -> tuple[float, Model]:
-        """(mean square of what the best leaves on that clock, the best)."""
-        if abs(clock.late) + abs(clock.rate) * longest > OVERLAP * min(map(len, fitted)):
+    def left(clock: _Clock, source: str | None = None) -> tuple[float, Model]:
+        """(mean square of what the best leaves where all recordings, or one alone, are on that clock, the
+        best)."""
+        if abs(clock.late) + abs(clock.rate) * longest > OVERLAP * shortest:
             return np.inf, ground.told
-        moved = ground.trials([clock.undone(r, origins) for r in fitted])
+        moved = ground.trials(_undone(clock, fitted, origins, source))
         on = replace(scene, trials=moved)
         found = [fit(on, model) for model in _models(ground.told, on)]
         best = min(found, key=lambda f: f.cost)
@@ -99,7 +101,7 @@ def off_clock(
     def of(clock: _Clock) -> float:
         return left(clock)[0]
 
-    best, most_late = _Clock(), min(SHIFTS, min(map(len, fitted)) // 4)
+    best, most_late = _Clock(), min(SHIFTS, shortest // 4)
     for _ in range(TURNS):
         begun = best
         ways = (1, -1) if begun.rate else (1,)
@@ -108,17 +110,75 @@ def off_clock(
         best = min((begun, *later, *faster), key=of)
         if best == begun:
             break
-    physics = _late(of, _Clock(), most_late, -1)  # a delay, which a rate does in part
-    if of(best) > CLEAR * min(of(physics), most) or not _told(best, longest):
-        return None
-    if not _confirmed(ground, scene, best, origins, left(_Clock())[1], left(best)[1]):
-        return None
+    physics = min(
+        of(_late(of, _Clock(), most_late, -1)), most
+    )  # a delay, which a rate does in part
+    before = left(_Clock())[1]
+    if of(best) <= CLEAR * physics and _told(best, longest):
+        if not _confirmed(ground, scene, (best, None), origins, before, left(best)[1]):
+            return None
+        said = _said(best, ground.seen.model.sample_time, longest)
+        return Fault(fitted[0].source, "shift", "the time base", said)
+    for source in dict.fromkeys(r.source for r in fitted):
+        alone = partial(_left_by_one, left, source)
+        clock = min((_late(alone, _Clock(), most_late, way) for way in (1, -1)), key=alone)
+        if clock.late and alone(clock) <= CLEAR * physics:
+            after = left(clock, source)[1]
+            if _confirmed(ground, scene, (clock, source), origins, before, after):
+                return _of_one(source, clock, ground.seen.model.sample_time)
+    return None
+
+
+def _left_by_one(
+    left: Callable[[_Clock, str | None], tuple[float, Model]], source: str, clock: _Clock
+) -> float:
+    return left(clock, source)[0]
+
+
+def _undone(
+    clock: _Clock,
+    recordings: Sequence[Recording],
+    origins: Mapping[str, float],
+    source: str | None = None,
+) -> list[Recording]:
+    """All on one clock, or those of one `source` alone."""
+    mine = [source in (None, r.source) for r in recordings]
+    return [clock.undone(r, origins) if own else r for own, r in zip(mine, recordings, strict=True)]
+
+
+def _judge_off(ground: Ground, scene: Scene, standing: Judged) -> Fault | None:
+    """The columns of one recording that judges against one another, where what stands leaves noise of all
+    that was fitted: far more of this one, and a tenth of it once u is moved."""
+    judging = stretches(ground.validation, LONGEST)
+    own = {r.source for r in ground.recordings}
+    for source in dict.fromkeys(r.source for r in judging if r.source not in own):
+        pieces = [r for r in judging if r.source == source]
+        most_late = min(SHIFTS, min(map(len, pieces)) // 4)
+        left = cache(partial(_left_of, ground, scene, standing.model, pieces))
+        if not left(_Clock()) > LOUD:
+            continue
+        clock = min((_late(left, _Clock(), most_late, way) for way in (1, -1)), key=left)
+        if clock.late and left(clock) <= CLEAR * left(_Clock()):
+            return _of_one(source, clock, ground.seen.model.sample_time)
+    return None
+
+
+def _left_of(
+    ground: Ground, scene: Scene, model: Model, pieces: Sequence[Recording], clock: _Clock
+) -> float:
+    """Mean square of what the `model` leaves of recordings put on that clock."""
+    held = replace(scene, trials=ground.trials(_undone(clock, pieces, {})))
+    residuals = held.residuals(model)
+    return np.inf if residuals is None else _square(held, residuals)
+
+
+def _of_one(source: str, clock: _Clock, sample_time: float) -> Fault:
+    k, way = abs(clock.late), "late" if clock.late > 0 else "early"
     return Fault(
-        fitted[0].source,
-        "shift",
-        "the time base",
-        _said(best, ground.seen.model.sample_time, longest),
-    )
+        source, "shift", "the time base of this recording",
+        f"u is {k} sample{'s'[: k > 1]} ({k * sample_time:.4g} s) {way} against y in this recording, not "
+        "in the others: align its columns, or leave it out",
+    )  # fmt: skip
 
 
 def _models(told: Model, scene: Scene) -> list[Model]:
@@ -190,16 +250,18 @@ def _told(clock: _Clock, samples: float) -> bool:
 def _confirmed(
     ground: Ground,
     scene: Scene,
-    clock: _Clock,
+    moved: tuple[_Clock, str | None],
     origins: Mapping[str, float],
     before: Model,
     after: Model,
 ) -> bool:
-    """Whether recordings that judge say so as well, with all numbers as fitted."""
+    """Whether recordings that judge say so as well, with all numbers as fitted; `moved`: a clock, and the
+    source of the one recording that is on it, None for all."""
     judging, found = stretches(ground.validation, LONGEST), []
-    on_one = [clock.undone(r, origins) for r in judging]
-    for model, moved in ((before, judging), (after, on_one)):
-        held = replace(scene, trials=ground.trials(moved))
+    (clock, source) = moved
+    on_one = _undone(clock, judging, origins, source)
+    for model, pieces in ((before, judging), (after, on_one)):
+        held = replace(scene, trials=ground.trials(pieces))
         residuals = held.residuals(model)
         found.append(np.inf if residuals is None else _square(held, residuals))
     return found[1] <= CONFIRMED * found[0]

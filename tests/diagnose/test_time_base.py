@@ -26,15 +26,53 @@ def said(stage, record):  # type: ignore[no-untyped-def]
     def of(logged, *effects):  # type: ignore[no-untyped-def]
         runs = record(replace(stage, effects=effects))
         logs = [replace(logged(r), source=f"run_{k}.csv") for k, r in enumerate(runs)]
-        bare = replace(stage, controller=None)
-        decay = decay_for(logs)
-        one, other = ([r] for r in led(moving(logs)))
-        seen = Comparison(with_observer(bare, decay), one, other, True, decay / (2.0 * np.pi))
-        ground = ground_of(seen, [], lambda line: None)
-        assert ground is not None
+        ground = ground_on(stage, logs[:1], logs[1:])
         return off_clock(ground, judge(ground.scene, ground.held, ground.told))
 
     return of
+
+
+def ground_on(stage, fitted, judging):  # type: ignore[no-untyped-def]
+    """The ground of recordings of the stage whose controller is unknown."""
+    decay = decay_for([*fitted, *judging])
+    leading = with_observer(replace(stage, controller=None), decay)
+    groups = (led(moving(group)) for group in (fitted, judging))
+    ground = ground_of(
+        Comparison(leading, *groups, True, decay / (2.0 * np.pi)), [], lambda line: None
+    )
+    assert ground is not None
+    return ground
+
+
+@pytest.fixture(scope="module")
+def three_runs(stage, record):  # type: ignore[no-untyped-def]
+    """Two recordings of one kind of moves and one of another, of a machine with friction."""
+    rubbing = replace(stage, effects=(FRICTION,))
+    runs = [record(rubbing, 0)[0], record(rubbing, 1)[0], record(rubbing, 2)[1]]
+    return [replace(r, source=f"run_{k}.csv") for k, r in enumerate(runs)]
+
+
+@pytest.mark.parametrize("samples", [3, -6])
+def test_one_recording_whose_command_is_stamped_otherwise_is_told_by_its_name(
+    three_runs, stage, samples
+):
+    first, second, judging = three_runs
+    ground = ground_on(stage, [first, late(second, samples)], [judging])
+    fault = off_clock(ground, judge(ground.scene, ground.held, ground.told))
+    assert (fault.kind, fault.recording) == ("shift", "run_1.csv")
+    way = "late" if samples > 0 else "early"
+    assert f"u is {abs(samples)} samples" in fault.mend
+    assert f"{way} against y in this recording, not in the others" in fault.mend
+
+
+def test_so_is_one_that_judges(three_runs, stage):
+    first, second, judging = three_runs
+    for samples, said in ((0, None), (4, "run_2.csv")):
+        logged = late(judging, samples) if samples else judging
+        ground = ground_on(stage, [first, second], [logged])
+        standing = judge(ground.scene, ground.held, ground.told.with_effect(FRICTION))
+        fault = off_clock(ground, standing)
+        assert (fault and fault.recording) == said
 
 
 def late(recording, k):  # type: ignore[no-untyped-def]

@@ -17,12 +17,13 @@ from ffl.diagnose.contest.judging import Judged, judge
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.restraint import missed
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.contest.timing import MODE
-from ffl.diagnose.hypothesis.fit import fit
+from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.ladders import left_by
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.span import orthonormal
+from ffl.systems.plant import EffectSpec
 
+MODE = "flexible_mode"
 FREQUENCIES, SIZES = 16, (0.03, 0.1, 0.2)  # starts: over the band, of the moving mass
 FOLLOWED, ROUNDS = 4, 20  # of them that leave least, and of their fits: long flat ways
 LOWEST, HIGHEST = 0.3, 0.4  # of the plant's first resonance; of the sampling frequency
@@ -39,18 +40,26 @@ def mode_elsewhere(
     if not missed(held.like(quiet), current):
         return None
     like = judge(quiet, held, model.without(model.names.index(MODE)), 6).fit
-    basis = orthonormal(quiet.whiten_stacked(like.columns))
-    starts = list(_starts(model))
-    costs = each(lambda start: left_by(quiet, basis, start), starts)
-    first = [starts[k] for k in np.argsort(costs, kind="stable")[:FOLLOWED]]
-    fits = each(lambda start: fit(quiet, start, rounds=ROUNDS), first)
-    best = min(fits, key=lambda one: one.cost + one.surprise)
+    best = from_everywhere(quiet, like, model)[0]
     found = judge(quiet, held, best.model, 10)
     say(f"  {MODE} begun elsewhere: {found.score - current.score:+.1f}")
     return found
 
 
+def from_everywhere(quiet: Scene, like: Fit, model: Model) -> list[Fit]:
+    """`model` with a mode, its own or one more, fitted from those starts that leave least beside `like`,
+    which is without it: of these the one that leaves least first."""
+    basis = orthonormal(quiet.whiten_stacked(like.columns))
+    starts = list(_starts(model))
+    costs = each(lambda start: left_by(quiet, basis, start), starts)
+    first = [starts[k] for k in np.argsort(costs, kind="stable")[:FOLLOWED]]
+    fits = each(lambda start: fit(quiet, start, rounds=ROUNDS), first)
+    return sorted(fits, key=lambda one: one.cost + one.surprise)
+
+
 def _starts(model: Model) -> Iterator[Model]:
+    if MODE not in model.names:
+        model = model.with_effect(EffectSpec(MODE, {}, {}))
     index = model.names.index(MODE)
     own = model.base.simulator.mechanics
     rate = 1.0 / model.base.plant.sample_time

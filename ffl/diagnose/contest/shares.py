@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ffl.diagnose.contest.judging import Judged, judge, levelled
+from ffl.diagnose.contest.modes import MODE
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import SUBSTITUTE
-from ffl.diagnose.contest.timing import MODE
 
 MASS = "mass_change"
 SLIGHT = 0.04  # of a share: more is no number of the plant file that may be off

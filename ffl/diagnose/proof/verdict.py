@@ -71,7 +71,7 @@ def verdict(
         chi2 = mean_power(standing.held_white) if len(standing.held_white) else 1.0
         names = [EFFECTS[e.name] for e in effects]
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
-        said = where.phrase(names[0].depends_on)
+        said = where.phrase(names[0].depends_on, named=True)
         short = coloured(standing) or bent(standing) or loudness(plant, standing) > LOUDER
         short = short or chi2 < 1.0 / STRUCTURED or excess > BEYOND
         if contest.verdict == "named" and short:

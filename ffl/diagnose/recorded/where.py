@@ -158,11 +158,17 @@ PHRASES = {
     frozenset({"direction", "time"}): "friction, by the time since the start",
     frozenset({"direction", "history"}): "reversals, with the path before them",
 }
+OF_NAMES = {  # what differs where an effect of the catalogue has these variables
+    frozenset({"command", "time"}): "changes of the command, which act late",
+    frozenset({"acceleration", "time"}): "accelerations, and what rings after them",
+}
 
 
-def phrase(depends_on: Sequence[str]) -> str:
-    """Words for where a dependence shows."""
+def phrase(depends_on: Sequence[str], named: bool = False) -> str:
+    """Words for where a dependence shows, that of a map or of an effect that is `named`."""
     key = frozenset(depends_on)
+    if named and key in OF_NAMES:
+        return OF_NAMES[key]
     if key in PHRASES:
         return PHRASES[key]
     return "a dependence on " + ", ".join(depends_on) if depends_on else "the whole recording"

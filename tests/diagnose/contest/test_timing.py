@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from ffl.diagnose.contest import timing
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.timing import begun_late, late_otherwise
@@ -39,6 +40,17 @@ def test_a_delay_is_told_where_a_lag_and_another_mode_stand(late):
     assert any(
         "input_delay, then flexible_mode, for actuator_lag and flexible_mode" in x for x in said
     )
+
+
+def test_a_mode_is_begun_where_first_order_sees_none(late, monkeypatch):
+    scene, held, model = late
+    standing = judge(scene, held, replace(model, effects=(LAG, OTHER)), 6)
+    monkeypatch.setattr(timing.Screen, "candidates", lambda *_: [])
+    found = begun_late(scene, held, standing, quiet)
+    assert found.model.names == ("input_delay", "flexible_mode")
+    true = judge(scene, held, replace(model, effects=(DELAY, MODE)), 6)
+    assert found.score > standing.score + 100.0
+    assert found.score > true.score - 3.0
 
 
 def test_what_stands_is_found_again_and_no_more(late):
