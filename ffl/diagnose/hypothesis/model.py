@@ -17,7 +17,7 @@ from ffl.diagnose.hypothesis.linear import (
     loop_by_states,
     simulator_with,
 )
-from ffl.diagnose.predict.as_sent import as_sent
+from ffl.diagnose.predict.as_sent import as_sent, is_drive
 from ffl.diagnose.recorded.commands import EVERYTHING
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.effects import EFFECTS
@@ -142,9 +142,8 @@ class Model:
             needed = self.simulator.substeps(self.acting)
         except InputError:  # numbers that no plant can have: every simulation says so
             return 1
-        tables = [spec for spec in self.acting if spec.name == TABLE]
-        yields = any(spec.parameters.get("stiffness", 0.0) > 0.0 for spec in tables)
-        stiff = yields or any(spec.name in STIFF for spec in self.acting)
+        yields = [s.parameters.get("stiffness", 0.0) for s in self.acting if s.name == TABLE]
+        stiff = max(yields, default=0.0) > 0.0 or any(s.name in STIFF for s in self.acting)
         return min(MOST_SUBSTEPS, needed) if stiff else needed
 
     def resettled(self) -> Model:
@@ -169,7 +168,10 @@ class Model:
         return tuple(effect.name for effect in self.effects)
 
     def simulate(self, trial: Trial, watch: Sequence[tuple[str, float | None]] = ()) -> Simulation:
-        """The free-running loop from the recording's own start; `watch`: see `Simulator.run`."""
+        """The free run from the recording's own start, behind its drive if observed; `watch` as in `run`."""
+        machine, (own,) = self.judged_on([trial]) if self.base.observed else (self, [trial])
+        if machine is not self:
+            return machine.simulate(own, watch)
         return self.simulator.run(
             self.simulator.prepare(self.acting, self.substeps, watch) if watch else self._program,
             trial.reference,
@@ -193,13 +195,12 @@ class Model:
         stated limit was reached: those are fed with it as recorded (`as_sent`). Else the model itself.
         An observer's loop is led behind what the plant file states as well."""
         bending = self.acting if self.base.observed else self.effects
-        bent = self.base.limit is not None or any(EFFECTS[spec.name].bends for spec in bending)
+        drive = [s for s in self.acting if is_drive(EFFECTS[s.name], self.base.observed)]
+        bent = self.base.limit is not None or any(spec in drive for spec in bending)
         if self.base.plant.controller is None or not bent:
             return self
-        effects, given = (
-            tuple(s for s in specs if not EFFECTS[s.name].bends)
-            for specs in (self.effects, self.stated)
-        )
+        both = self.effects, self.stated
+        effects, given = (tuple(s for s in specs if s not in drive) for specs in both)
         return self._stepped(base=self.base.unlimited, effects=effects, given=given)
 
     @cached_property
@@ -221,7 +222,7 @@ class Model:
         if all(trial.lost is not None or trial.folded for trial in trials):
             return self.before_limit, list(trials)
         if self.behind is not self:
-            sent = [as_sent(trial, self.acting) for trial in trials]
+            sent = [as_sent(trial, self.acting, self.base.observed) for trial in trials]
             if all(trial is not None for trial in sent):
                 return self.behind, [trial for trial in sent if trial is not None]
         return self, list(trials)
@@ -249,8 +250,7 @@ class Model:
             run = self.attempt(trial)
             if run is None:
                 return None
-            known = trial, run.y
-            self._outputs[trial.drive] = known
+            self._outputs[trial.drive] = known = (trial, run.y)
         return known[1]
 
     @cached_property

@@ -12,7 +12,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.maps.freemodel import FreeModel
 from ffl.diagnose.noise.imitate import Imitation, imitated
 from ffl.diagnose.noise.noise import Paths
-from ffl.diagnose.predict.as_sent import as_sent
+from ffl.diagnose.predict.as_sent import as_sent, is_drive
 from ffl.diagnose.recorded.commands import limit_of
 from ffl.diagnose.recorded.trials import Trial, start_of
 from ffl.effects import EFFECTS
@@ -105,8 +105,11 @@ def run_plant(plant: Plant, trial: Trial, observed: bool = False) -> Simulation:
     """The plant file's plant, effects included, from the recording's own start; `observed`: its controller
     is an observer, which leads it behind what bends the command."""
     simulator, effects = Simulator(plant), plant.effects
-    if observed and (sent := as_sent(trial, effects)) is not None:
-        trial, effects = sent, tuple(spec for spec in effects if not EFFECTS[spec.name].bends)
+    if observed and (sent := as_sent(trial, effects, observed)) is not None:
+        trial, effects = (
+            sent,
+            tuple(spec for spec in effects if not is_drive(EFFECTS[spec.name], observed)),
+        )
     return simulator.run(
         effects,
         trial.reference,

@@ -31,6 +31,7 @@ from ffl.diagnose.hypothesis.places import (
 from ffl.diagnose.hypothesis.span import believed, orthonormal
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.noise.passage import Passage
+from ffl.diagnose.predict.as_sent import is_drive
 from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.screen.candidate import Candidate, spec_of
 from ffl.diagnose.screen.clocks import apart, begun_apart
@@ -186,10 +187,10 @@ class Screen:
     # --- motion ----------------------------------------------------------------------------------
 
     def motions(self, place: Place, effect: Effect | None = None) -> list[Motion]:
-        """Motion at the place, of a force mid-sample: it is held over one. What bends a command has it as
-        recorded, as its model does."""
+        """Motion at the place, of a force mid-sample: it is held over one. What a drive makes of a command
+        has it as recorded, as its model does."""
         side = "sensor" if place.port == "output" else place.side
-        sent = effect is not None and effect.bends
+        sent = effect is not None and is_drive(effect, self.scene.observed)
         key = (f"{place.port == 'force'}{sent}{side}", place.mass_ratio)
         if key not in self._motions:
             trials = (self.along or self.scene).trials
