@@ -168,7 +168,7 @@ class Model:
         return tuple(effect.name for effect in self.effects)
 
     def simulate(self, trial: Trial, watch: Sequence[tuple[str, float | None]] = ()) -> Simulation:
-        """The free run from the recording's own start, behind its drive if observed; `watch` as in `run`."""
+        """A free run from the recording's own start, behind its drive if observed; `watch` as of `run`."""
         machine, (own,) = self.judged_on([trial]) if self.base.observed else (self, [trial])
         if machine is not self:
             return machine.simulate(own, watch)

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from ffl.diagnose.maps.freemodel import Part
 
 # What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g, v g(x)
-# upwards or downwards alone, and u^2 g(x);
+# upwards or downwards alone, u^2 g(x), and g(v) a;
 BY_POSITION, BY_VELOCITY, DAMPING, DRY, INERTIA = range(5)
-DRY_BY_COMMAND, DAMPING_UP, DAMPING_DOWN, PULL = range(11, 15)
+DRY_BY_COMMAND, DAMPING_UP, DAMPING_DOWN, PULL, INERTIA_BY_SPEED = range(11, 16)
 # what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling, and what a limit
 # cuts off that falls with |v|;
 BY_COMMAND, GAIN, GAIN_BY_SPEED, FALLING = range(5, 9)
-# and what comes to y: g(x), g(v).
-SHOWN_POSITION, SHOWN_VELOCITY = range(9, 11)
+# and what comes to y: g(x), g(v), g(u) of the command before.
+SHOWN_POSITION, SHOWN_VELOCITY, SHOWN_COMMAND = 9, 10, 16
 BEYOND = 0.25  # of a grid's extent: a map goes on straight that far, from there it is constant
 SWEEPS = 60
 FLOOR = 1e-3  # of the largest velocity: slower than that there is no direction (`Motion.direction`)
@@ -97,6 +97,9 @@ def _force(p, x, v, a, u):  # type: ignore[no-untyped-def]
     if kind == BY_VELOCITY:
         g, slope = _at(p, first, n, v)
         return g, 0.0, slope, 0.0
+    if kind == INERTIA_BY_SPEED:
+        g, slope = _at(p, first, n, v)
+        return g * a, 0.0, slope * a, g
     direction = min(max(v / p[1], -1.0), 1.0)
     turning = 1.0 / p[1] if abs(v) < p[1] else 0.0
     if kind == DRY_BY_COMMAND:
@@ -177,11 +180,11 @@ def _command_law(p, s, io):  # type: ignore[no-untyped-def]
 
 
 def _output_law(p, s, io):  # type: ignore[no-untyped-def]
-    n, last = int(p[3]), HEAD + int(p[3])
-    if int(p[0]) == SHOWN_POSITION:
+    kind, n, last = int(p[0]), int(p[3]), HEAD + int(p[3])
+    if kind == SHOWN_POSITION:
         io[MEAN] += _smooth(p, HEAD, last, n, io[X0])
     else:
-        io[MEAN] += _at(p, last, n, io[V0])[0]
+        io[MEAN] += _at(p, last, n, io[V0] if kind == SHOWN_VELOCITY else io[SENT])[0]
 
 
 LAWS = {"force": _force_law, "command": _command_law, "output": _output_law}

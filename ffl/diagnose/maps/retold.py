@@ -17,15 +17,17 @@ from ffl.diagnose.maps.choosing import NO_WORSE
 from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freeform import judged
-from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, run_of
+from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, Part, run_of
 from ffl.diagnose.maps.freestep import ROUNDS, numbers_beside, stepped, traces
 from ffl.diagnose.maps.mapped import BY_COMMAND
+from ffl.systems.state_space import Array
 
 ALIKE = 1.05  # times the squares: what the same machine told otherwise may leave
 # Of these a map of a command is what a unit of it does beside 1.
 GAINS_BY = ("position", "speed", "time")
 # Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
 STRAIGHT = {"velocity": "damping", "position": "stiffness"}
+EVEN = {"inertia by speed": "mass", "inertia by position": "mass"}  # and where they are even
 
 
 def from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:
@@ -39,10 +41,17 @@ def from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:
 
 
 def own_number(alone: FreeForm) -> int | None:
-    """Which of the model's free numbers the straight part of one map alone is; None where it is none."""
-    wanted = ("correction", STRAIGHT.get(alone.parts[0].term.name))
+    """Which of the model's free numbers the straight part of one map alone is, or the even part of an
+    inertia; None where it is none."""
+    wanted = ("correction", (STRAIGHT | EVEN).get(alone.parts[0].term.name))
     keys = [(c.kind, c.name) for c in alone.free.model.coordinates]
     return keys.index(wanted) if len(alone.parts) == 1 and wanted in keys else None
+
+
+def _own_part(part: Part) -> Array:
+    """Of the map, by its knots, what the model's own number does."""
+    at = part.term.knots(part.ranges)
+    return np.ones_like(at) if part.term.name in EVEN else at
 
 
 def with_the_stated_mass(alone: FreeForm) -> FreeForm:
@@ -68,15 +77,14 @@ def with_the_stated_mass(alone: FreeForm) -> FreeForm:
 
 
 def with_the_stated_number(alone: FreeForm) -> FreeForm:
-    """The same where one map of the speed, or of the position, stands beside a damping, or a stiffness,
-    that is not the stated one: that much of the map's straight part is its own."""
+    """The same where one map of the speed, of the position, or of an inertia by either, stands beside a
+    damping, a stiffness, or a mass, that is not the stated one: so much of it is the map's own."""
     free, at = alone.free, own_number(alone)
     now = None if at is None else run_of(alone.scene, free)
     if at is None or now is None or not free.model.theta[at]:
         return alone
     part, screen = alone.parts[0], FreeScreen(alone.scene, free)
-    assert part.term.grid is not None
-    z = part.term.grid(part.ranges)
+    z = _own_part(part)
     line = traces(screen, free, now.motions)[0] @ z
     slope = (
         free.model.theta[at] * float(line @ screen.slopes[:, at]) / max(float(line @ line), 1e-300)
@@ -104,12 +112,12 @@ def beside_formula(found: FreeForm, said: Formula, scale: float) -> FreeForm | N
     model = best[0].model
     now = run_of(found.scene, found.free)
     assert now is not None
-    assert part.term.grid is not None
     table = traces(FreeScreen(found.scene, found.free), found.free, now.motions)[0]
-    weight, z = np.linalg.norm(table, axis=0), part.term.grid(part.ranges)
+    weight, z = np.linalg.norm(table, axis=0), _own_part(part)
     apart = weight * (drawn.coefficients - part.coefficients)
-    line = np.column_stack([np.ones(len(z)), z]) * weight[:, None]
-    _, slope = np.linalg.lstsq(line, apart, rcond=1e-10)[0]
+    even = [] if part.term.name in EVEN else [np.ones(len(z))]
+    line = np.column_stack([*even, z]) * weight[:, None]
+    slope = np.linalg.lstsq(line, apart, rcond=1e-10)[0][-1]
     turned = replace(part, coefficients=part.coefficients + slope * z)
     for way in (turned, drawn):
         other = judged(found.scene, found.held, FreeModel(model, (way,)), found.evidence)

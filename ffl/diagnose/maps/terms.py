@@ -27,7 +27,9 @@ from ffl.diagnose.maps.mapped import (
     GAIN,
     GAIN_BY_SPEED,
     INERTIA,
+    INERTIA_BY_SPEED,
     PULL,
+    SHOWN_COMMAND,
     SHOWN_POSITION,
     SHOWN_VELOCITY,
     smoothed,
@@ -255,6 +257,11 @@ def _limited(m: Motion, ranges: Ranges) -> Array:
     return np.hstack(out)
 
 
+def _heard(m: Motion) -> Array:
+    """The command that acts when a sample is taken: the one before."""
+    return np.append(m.u[:1], m.u[:-1])
+
+
 def _one(m: Motion) -> float:
     return 1.0
 
@@ -307,10 +314,6 @@ def _of_history(
     )
 
 
-def _velocity(m: Motion) -> Array:
-    return m.v
-
-
 def _command(m: Motion) -> Array:
     return m.u
 
@@ -326,7 +329,7 @@ TERMS: tuple[Term, ...] = (
         "position", _positions, DRY,
     ),
     _gridded(
-        "velocity by position", "force", ("position", "velocity"), "velocity", _velocity,
+        "velocity by position", "force", ("position", "velocity"), "velocity", lambda m: m.v,
         "position", _few, DAMPING,
     ),
     _gridded(
@@ -349,6 +352,10 @@ TERMS: tuple[Term, ...] = (
     Term(
         "direction by size of acceleration", "force", ("acceleration", "direction"),
         "sign(velocity)", "|acceleration|", _inertial_load, None,
+    ),
+    _gridded(
+        "inertia by speed", "force", ("velocity", "acceleration"), "acceleration",
+        lambda m: m.a, "velocity", _velocities, INERTIA_BY_SPEED,
     ),
     _gridded(
         "pull by position", "force", ("command", "position"), "command^2",
@@ -384,5 +391,10 @@ TERMS: tuple[Term, ...] = (
     _gridded(
         "velocity at the sensor", "output", VELOCITY, "", _one,
         "velocity", _velocities, SHOWN_VELOCITY,
+    ),
+    Term(
+        "command at the sensor", "output", COMMAND, "", "command",
+        lambda m, ranges: _hats(_heard(m), _commands(ranges)), _commands, kind=SHOWN_COMMAND,
+        along_grid=lambda m, grid, values: _interpolated(_heard(m), grid, values),
     ),
 )  # fmt: skip

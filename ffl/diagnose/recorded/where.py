@@ -148,6 +148,7 @@ PHRASES = {
     frozenset({"time", "temperature"}): "slow changes over the recording",
     frozenset({"acceleration"}): "accelerations",
     frozenset({"position", "acceleration"}): "an inertia that changes along the stroke",
+    frozenset({"velocity", "acceleration"}): "an inertia that changes with speed",
     frozenset({"position", "velocity"}): "a damping that changes along the stroke",
     frozenset({"command", "velocity"}): "the force per command, by speed",
     frozenset({"command", "direction"}): "friction in proportion to the load",

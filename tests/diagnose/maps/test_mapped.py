@@ -201,3 +201,44 @@ def test_drag_that_outdoes_the_damping_is_followed_where_nothing_holds_the_stage
     assert left is not None
     assert found.variables == ("velocity",)
     assert np.std(left[0]) < 0.02 * np.std(runs[1].y)
+
+
+def test_an_inertia_that_grows_with_speed_is_run_at_once_and_told_beside_the_stated_mass(spring):  # type: ignore[no-untyped-def]
+    """(M + J v^2) x'', three times M at the top; repeated along its own motion it never came to rest."""
+    term = next(t for t in TERMS if t.name == "inertia by speed")
+    u = swept(600)
+    model, trial = trial_of(spring, recording(u, integrated(u, linear), "swept"))
+    spans = ranges_of([model.simulate(trial).motion()])
+    knots = term.knots(spans)
+    more = 2.0 * MASS / np.abs(knots).max() ** 2
+    free = FreeModel(model, (Part(term, Place("force"), -more * knots**2, spans),))
+    found = free.simulate(trial)
+    assert found is not None
+    assert not free._repeated
+
+    def acceleration(x, v, held):  # type: ignore[no-untyped-def]
+        return MASS * linear(x, v, held) / (MASS + more * v**2)
+
+    wanted = integrated(u, acceleration)
+    moved = np.std(wanted - trial.y)
+    assert moved > 0.05 * np.std(trial.y)
+    assert np.std(found[0].y - wanted) < 2e-2 * moved
+
+
+def test_a_sensor_that_hears_the_command_is_told_at_the_sensor(spring):  # type: ignore[no-untyped-def]
+    rng, runs = np.random.default_rng(5), []
+    for k in range(2):
+        u = swept(1500, k)
+        y = integrated(u, linear)
+        y = y + 0.02 * np.std(y) * np.abs(np.append(0.0, u[:-1])) / 5.0
+        runs.append(recording(u, y + SENSOR * rng.standard_normal(len(y)), f"swept {k}"))
+    base = Base.of(spring, float(np.ptp(runs[0].y)), 1.5)
+    trials = [prepare(base.simulator, r, SENSOR) for r in runs]
+    scene, held = (Scene(spring.loop, (trial,), Noise(SENSOR, 1e-4)) for trial in trials)
+    found = free_form(scene, held, Model(base))[-1]
+    assert [part.term.name for part in found.parts] == ["command at the sensor"]
+    left = held.residuals(found.free)
+    bare = held.residuals(Model(base))
+    assert left is not None
+    assert bare is not None
+    assert np.std(left[0]) < 0.2 * np.std(bare[0])
