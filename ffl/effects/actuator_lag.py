@@ -75,7 +75,6 @@ class ActuatorLag(Effect):
         return {"time_constant": max(float(coefficients[0]), 0.0)}
 
     def says(self, values: Parameters, plant: Plant) -> str:
-        return (
-            f"The force follows the command with a first-order lag of "
-            f"{values['time_constant'] * 1e3:.4g} ms."
-        )
+        lag = values["time_constant"]
+        said = f"{lag:.4g} s" if lag >= 1.0 else f"{lag * 1e3:.4g} ms"
+        return f"The force follows the command with a first-order lag of {said}."

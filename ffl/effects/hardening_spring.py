@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffl.effects.base import Effect, Motion, Parameter, Parameters
+from ffl.effects.base import Effect, Extent, Motion, Parameter, Parameters
 from ffl.effects.law import X0
 from ffl.effects.modal import moves
 from ffl.effects.solve import bulge_of, end_motion, middle_motion, set_curve
-from ffl.systems.plant import Plant
+from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import Array
 
 
@@ -49,6 +49,12 @@ class HardeningSpring(Effect):
 
     def initial_state(self, packed, step):  # type: ignore[no-untyped-def]
         return [0.0, 0.0]
+
+    def credible(self, spec: EffectSpec, extent: Extent) -> bool:
+        """One that begins farther away than the machine travels is another curve, a cubic beside the
+        load and the stiffness that go with it. (A winch whose drum grows: at 34 rad, of a travel of 12.)"""
+        centre = float(spec.parameters["centre"])
+        return extent.lowest - extent.travel < centre < extent.highest + extent.travel
 
     def grid(self, motion: Motion) -> list[dict[str, float]]:
         centres = motion.middle + motion.span * np.array([0.0, -0.5, -0.25, 0.25, 0.5])

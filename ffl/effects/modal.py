@@ -21,7 +21,7 @@ NEAR, MOST = 0.25, 2.0**40  # to the identity, where Gauss's rule is exact; root
 NODES, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
 NODES = NODES + 0.5  # of (0, 1)
 
-_TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?"
+_TURN = r"(m|µ|μ|u)?rad|deg|°|rev|turns?|arc(min|sec)"
 _WAY = r"(k|d|c|m|µ|μ|u|n)?m|in|inch|ft|mi|ticks?|counts?|inc|steps?"
 _PER_TIME = r"\s*(/\s*(s|sec|min|h|hr)|[ .·]\s*(s|min|h)\^?-1)"
 _ROTATION = r"k?rpm|(r|rev|1|u|turns)/min|min\^?-1"

@@ -7,7 +7,14 @@ import math
 _PREFIX = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _TURN = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0, "rev": 2.0 * math.pi}
 _LENGTH = {**{f"{p}m": f for p, f in _PREFIX.items()}, "cm": 1e-2, "in": 0.0254, "inch": 0.0254}
-_ANGLE = {**_TURN, "mrad": 1e-3, "urad": 1e-6, "mdeg": 1e-3 * _TURN["deg"]}
+_ANGLE = {
+    **_TURN,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "mdeg": 1e-3 * _TURN["deg"],
+    "arcmin": _TURN["deg"] / 60.0,
+    "arcs": _TURN["deg"] / 3600.0,  # as `plain` has arcsec
+}
 _RATE = {
     "rpm": 2.0 * math.pi / 60.0,
     "rev/min": 2.0 * math.pi / 60.0,
@@ -78,4 +85,4 @@ def looks_like(factor: float, near: float = NEAR) -> str:
 
 def turn_in(unit: str) -> float | None:
     """A full turn in `unit`; None where that measures no angle."""
-    return 2.0 * math.pi / _ANGLE[unit] if unit in _ANGLE else None
+    return 2.0 * math.pi / _ANGLE[plain(unit)] if plain(unit) in _ANGLE else None

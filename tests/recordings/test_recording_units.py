@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ffl.recordings.units import factor_between, looks_like
+from ffl.recordings.units import factor_between, looks_like, turn_in
 
 TURN = math.pi / 180
 
@@ -32,3 +32,9 @@ def test_factor_between_units(one, other, factor):
 )  # fmt: skip
 def test_a_factor_has_the_name_of_the_mistake(factor, said):
     assert looks_like(factor) == said
+
+
+def test_arcseconds_are_angles():
+    assert factor_between("arcsec", "deg") == pytest.approx(1.0 / 3600.0)
+    assert turn_in("arcsec") == pytest.approx(1_296_000.0)
+    assert turn_in("arcmin") == pytest.approx(21_600.0)
