@@ -91,10 +91,10 @@ def test_of_one_that_sticks_the_observer_is_the_sharper(spring, stuck):
     assert gains[1] > gains[0] + 500.0
 
 
-@pytest.mark.slow(110)
+@pytest.mark.slow(75)
 @pytest.mark.usefixtures("no_play_sought")
 def test_what_sticks_is_named_once_led(spring, record):
-    stuck = record(STICKS, samples=2200)
+    stuck = record(STICKS, samples=1600)
     found = diagnose(spring, stuck[:1], stuck[1:])
     assert [f.name for f in found.findings] == ["stribeck_friction"]
     (friction,) = found.findings
