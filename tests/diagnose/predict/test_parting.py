@@ -110,7 +110,7 @@ def test_what_sticks_is_named_once_led(spring, record):
 
 
 def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
-    recordings = record(EffectSpec("quadratic_drag", {"coefficient": 4e4}))
+    recordings = record(EffectSpec("quadratic_drag", {"coefficient": 4e4}), samples=2500)
     found = diagnose(spring, recordings[:1], recordings[1:])
     assert found.verdict == "explained"
     assert not parts(found)
