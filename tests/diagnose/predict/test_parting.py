@@ -94,7 +94,7 @@ def test_of_one_that_sticks_the_observer_is_the_sharper(spring, stuck):
 @pytest.mark.slow(75)
 @pytest.mark.usefixtures("no_play_sought")
 def test_what_sticks_is_named_once_led(spring, record):
-    stuck = record(STICKS, samples=1600)
+    stuck = record(STICKS, samples=2200)
     found = diagnose(spring, stuck[:1], stuck[1:])
     assert [f.name for f in found.findings] == ["stribeck_friction"]
     (friction,) = found.findings
