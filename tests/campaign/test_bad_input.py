@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from ffl.campaign import load_campaign, run_campaign
 from ffl.cli import execute
 
 
@@ -89,7 +90,7 @@ def test_a_basis_that_is_no_table_is_said_in_the_files_own_words(write_campaign,
 
 
 def test_a_folder_that_is_not_finished_is_not_run_again(write_campaign, said, tmp_path):
-    assert execute(["run", str(write_campaign()), "--quiet", "--out", "done"]) == 0
+    run_campaign(load_campaign(write_campaign()), tmp_path / "done")
     results = json.loads((tmp_path / "done" / "results.json").read_text())
     results["runs"][0] |= {"status": "running", "error_norm": results["runs"][0]["error_norm"][:1]}
     (tmp_path / "done" / "results.json").write_text(json.dumps(results))
@@ -167,7 +168,7 @@ def test_an_effect_that_a_plant_cannot_have_is_found_by_check(said, tmp_path):
 def test_damaged_results_are_said_by_every_verb_that_reads_them(
     text, says, write_campaign, said, tmp_path
 ):
-    assert execute(["run", str(write_campaign(trials=1)), "--quiet", "--out", "done"]) == 0
+    run_campaign(load_campaign(write_campaign(trials=1)), tmp_path / "done")
     path = tmp_path / "done" / "results.json"
     results = json.loads(path.read_text())
     if text == "run without a status":
@@ -210,7 +211,7 @@ def test_outputs_and_numbers_that_cannot_be(arguments, says, said, tmp_path):
 
 
 def test_a_report_does_not_write_below_a_file(write_campaign, said, tmp_path):
-    assert execute(["run", str(write_campaign(trials=1)), "--quiet", "--out", "done"]) == 0
+    run_campaign(load_campaign(write_campaign(trials=1)), tmp_path / "done")
     assert "is a file; give a folder" in said("report", "done", "--out", "model.toml/x.html")
 
 

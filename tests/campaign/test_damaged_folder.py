@@ -110,17 +110,22 @@ EXPORT = ("export", "done", "--run", "fir", "--format", "json", "--out", "f.json
 RESUME = ("run", "done/campaign.toml", "--out", "done", "--resume", "--quiet")
 
 
+def made_again(folder):
+    """What `RESUME` does, but for its report."""
+    run_campaign(load_campaign(folder / "campaign.toml"), folder, resume=True)
+
+
 @pytest.mark.parametrize("command", [EXPORT, ("report", "done")], ids=["export", "report"])
 def test_missing_signals_are_said_with_the_mend(folder, line, command):
     (folder / "fir.h5").unlink()
     err = line(*command)[0]
     again = "make it again with: ffl run done/campaign.toml --out done --resume"
     assert f"done/fir.h5: is missing; {again}" in err
-    assert execute(list(RESUME)) == 0
+    made_again(folder)
     assert execute(list(command)) == 0
 
 
-@pytest.mark.slow(20)
+@pytest.mark.slow(10)
 @pytest.mark.parametrize("command", [EXPORT, ("report", "done"), RESUME, ("rerun", "done")])
 def test_cut_signals_are_said_with_the_mend(folder, line, command):
     path = folder / "fir.h5"
@@ -130,9 +135,10 @@ def test_cut_signals_are_said_with_the_mend(folder, line, command):
     assert "done/fir.h5: is damaged (" in err
     assert "remove it, then make it again with: ffl run done/campaign.toml --out done" in err
     path.unlink()
-    assert execute(list(RESUME)) == 0
-    assert path.read_bytes()[:8] == content[:8]
+    if command != RESUME:
+        made_again(folder)
     assert execute(list(command)) == 0
+    assert path.read_bytes()[:8] == content[:8]
 
 
 def test_signals_without_a_dataset_are_damaged(folder, line):

@@ -24,7 +24,7 @@ def said(stage, record):  # type: ignore[no-untyped-def]
     controller unknown, over the linear model alone."""
 
     def of(logged, *effects):  # type: ignore[no-untyped-def]
-        runs = record(replace(stage, effects=effects))
+        runs = [r[:2150] for r in record(replace(stage, effects=effects))]
         logs = [replace(logged(r), source=f"run_{k}.csv") for k, r in enumerate(runs)]
         ground = ground_on(stage, logs[:1], logs[1:])
         return off_clock(ground, judge(ground.scene, ground.held, ground.told))

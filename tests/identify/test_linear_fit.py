@@ -388,8 +388,8 @@ def test_a_load_is_stated_only_where_it_is_more_than_noise():
     told, loads = [], []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        u = rng.standard_normal(600)
-        y = PLANT.filter(u) + 0.1 * rng.standard_normal(600)
+        u = rng.standard_normal(300)
+        y = PLANT.filter(u) + 0.1 * rng.standard_normal(300)
         model = fit_linear(Signals(u, y, T), 2)
         told.append(model.offset / model.offset_std)
         assert bool(model.plant("p", with_load=True).effects) == (abs(told[-1]) > 3.0)

@@ -27,10 +27,16 @@ HUM = EffectSpec("periodic_disturbance", {"amplitude": 6.0, "frequency": 17.0, "
 SPRING = EffectSpec("hardening_spring", {"cubic_coefficient": 4e4, "centre": 0.02})
 
 
-@pytest.mark.slow(30)
-def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monkeypatch):
+@pytest.fixture(scope="module")
+def brief(record):
+    """Recordings of three moves each."""
+    return lambda machine: [recording[:2150] for recording in record(machine)]
+
+
+@pytest.mark.slow(15)
+def test_who_is_turned_down_does_not_end_the_search(stage, brief, scenes, monkeypatch):
     machine = replace(stage, effects=(FRICTION, SPRING))
-    scene, held, model = scenes(record(machine))
+    scene, held, model = scenes(brief(machine))
     asked = []
 
     def kept(held, judged, before, now, then):
@@ -50,9 +56,9 @@ def test_who_is_turned_down_does_not_end_the_search(stage, record, scenes, monke
 
 @pytest.mark.parametrize(("true", "looked_for"), [((FRICTION,), False), ((FRICTION, HUM), True)])
 def test_sets_are_looked_for_where_no_single_effect_leaves_little_more_than_noise(
-    stage, record, scenes, monkeypatch, true, looked_for
+    stage, brief, scenes, monkeypatch, true, looked_for
 ):
-    scene, held, model = scenes(record(replace(stage, effects=true)))
+    scene, held, model = scenes(brief(replace(stage, effects=true)))
     asked = []
     monkeypatch.setattr(search, "starts", lambda *_: asked.append(1) or [])
     search.contest(scene, held, model, THRESHOLD)
@@ -60,10 +66,10 @@ def test_sets_are_looked_for_where_no_single_effect_leaves_little_more_than_nois
 
 
 def test_the_company_stands_once_while_those_kept_back_are_tried_in_it(
-    stage, record, scenes, monkeypatch
+    stage, brief, scenes, monkeypatch
 ):
     """Nothing is fitted anew in between; rivals of before are not tried again."""
-    scene, held, model = scenes(record(replace(stage, effects=(FRICTION,))))
+    scene, held, model = scenes(brief(replace(stage, effects=(FRICTION,))))
     calls, only = [], []
     own, tried = search.settle, settling.challengers
 
@@ -97,11 +103,11 @@ def friction_and_spring(model):
     return set(found)
 
 
-@pytest.mark.slow(20)
+@pytest.mark.slow(15)
 def test_company_that_loses_one_as_the_tables_are_let_in_gives_everyone_another_say(
-    stage, record, scenes, monkeypatch
+    stage, brief, scenes, monkeypatch
 ):
-    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, SPRING))))
+    scene, held, model = scenes(brief(replace(stage, effects=(FRICTION, SPRING))))
     settle, of = search.settle, search.View.of
     lost, let_in = [], []
 
@@ -128,8 +134,8 @@ def test_company_that_loses_one_as_the_tables_are_let_in_gives_everyone_another_
     assert None in let_in
 
 
-def test_claimants_are_held_on_the_line_under_one_noise(stage, record, scenes, monkeypatch):
-    scene, held, model = scenes(record(replace(stage, effects=(FRICTION,))))
+def test_claimants_are_held_on_the_line_under_one_noise(stage, brief, scenes, monkeypatch):
+    scene, held, model = scenes(brief(replace(stage, effects=(FRICTION,))))
     nothing = judge(scene, held, model, rounds=10)
     friction = judge(scene, held, model.with_effect(FRICTION), rounds=10)
     assert friction.scene.noise != nothing.scene.noise
@@ -258,8 +264,8 @@ def test_a_scale_that_ends_shows_nothing_beyond(level, credible):
     assert EFFECTS[spec.name].credible(spec, Extent(8.0, 0.3, trial.largest)) is credible
 
 
-def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, record, scenes):
-    _, _, model = scenes(record(stage))
+def test_the_mass_of_a_machine_that_has_only_one_is_not_its_own_rival(stage, brief, scenes):
+    _, _, model = scenes(brief(stage))
     assert mass_is_corrected(model)
     assert not mass_is_corrected(replace(model, held=frozenset({"mass"})))
 
@@ -269,11 +275,11 @@ RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 2e-6, "period": 4e-3, "phase
 
 @pytest.mark.parametrize(("size", "kept"), [(1.0, True), (1e4, True), (0.0, False)])
 def test_noise_louder_than_all_that_is_left_counts_for_as_much_less(
-    stage, record, scenes, monkeypatch, size, kept
+    stage, brief, scenes, monkeypatch, size, kept
 ):
     """A saturated loop that goes unstable parts from itself by any amount; what looks like the rival itself
     (size 0) refuses it."""
-    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, RIPPLE))))
+    scene, held, model = scenes(brief(replace(stage, effects=(FRICTION, RIPPLE))))
     base = judge(scene, held, replace(model, effects=(FRICTION,)), 4)
     rival = judge(scene, held, replace(model, effects=(FRICTION, RIPPLE)), 4)
     monkeypatch.setattr(unrest, "HALF", 0.0)
@@ -288,12 +294,12 @@ def test_noise_louder_than_all_that_is_left_counts_for_as_much_less(
     assert unrest.louder_than_noise(base, [rival]) == ([rival] if kept else [])
 
 
-@pytest.mark.slow(30)
-def test_who_dropped_out_makes_room(stage, record, scenes, monkeypatch):
+@pytest.mark.slow(15)
+def test_who_dropped_out_makes_room(stage, brief, scenes, monkeypatch):
     """A set of two, one of which the company of the other makes superfluous, of two that may join. The way
     there hangs on a processor's rounding: it may lead over a Stribeck curve that ends flat, which is the
     same friction, or over one for whose misfit a sine comes in."""
-    scene, held, model = scenes(record(replace(stage, effects=(FRICTION, SPRING))))
+    scene, held, model = scenes(brief(replace(stage, effects=(FRICTION, SPRING))))
     real, begun = search._round, []
 
     def first_a_set(quiet, held, base, views, taken, room, threshold, say):  # type: ignore[no-untyped-def]

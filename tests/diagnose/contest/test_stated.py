@@ -111,11 +111,11 @@ def test_nobody_is_begun_otherwise_where_nothing_is_far_off(judged):
     assert in_their_place(nothing.scene, held, nothing, [rival], KEEP) == []
 
 
-@pytest.mark.slow(50)
+@pytest.mark.slow(25)
 @pytest.mark.parametrize("effects", [(LIMIT, LAG), (LIMIT, DAMPER)], ids=["lag", "damper"])
 def test_a_limit_has_the_company_that_it_has(spring, recorded, effects):
     """(Beside the limit a lag of 3 ms was a damping of six times the model's.) A damper stays one."""
-    *fitted, judging = recorded(*effects)
+    *fitted, judging = (recording[:2500] for recording in recorded(*effects))
     answer = diagnose(spring, fitted, [judging]).answer()
     told = {e["name"] for e in answer["effects"]}
     assert told == {spec.name for spec in effects}

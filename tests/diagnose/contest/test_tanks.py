@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -41,19 +42,20 @@ def recording(
     0.4 m the sensor gives `bend` times as much, up to its `end`."""
     n = 500
     u, rng = pump(seed, n), np.random.default_rng(seed + 1)
-    x, y, fine = np.full(2, 0.3), np.empty(n), 200
+    first, second, y, fine = 0.3, 0.3, np.empty(n), 200
     middle = 0.45
 
     def flow(level):
-        return 2 * np.sqrt(middle * max(level, 0.0)) - middle if root else level
+        return 2 * math.sqrt(middle * max(level, 0.0)) - middle if root else level
 
-    for k in range(n):
-        y[k] = x[1]
+    for k, pumped in enumerate(u.tolist()):
+        y[k] = second
         for _ in range(fine):
-            rise = UPPER * (GAIN * u[k] - flow(x[0])) * STEP / fine
-            over = max(x[0] + rise - height, 0.0)
-            arrives = LOWER * (flow(x[0]) - flow(x[1])) * STEP / fine
-            x += [rise - over, arrives + LOWER / UPPER * share * over]
+            rise = UPPER * (GAIN * pumped - flow(first)) * STEP / fine
+            over = max(first + rise - height, 0.0)
+            arrives = LOWER * (flow(first) - flow(second)) * STEP / fine
+            first += rise - over
+            second += arrives + LOWER / UPPER * share * over
     y += (bend - 1.0) * np.maximum(y - BEND, 0.0) + 1e-3 * rng.standard_normal(n)
     y = np.minimum(y, end)
     t = STEP * np.arange(n)

@@ -152,13 +152,13 @@ def test_an_identified_spring_gives_way_to_what_holds_beside_it(name):
     assert relieved(Model(Base.of(soft), {}, (spec,))) is None  # softer than the hysteresis
 
 
-@pytest.mark.slow(30)
+@pytest.mark.slow(15)
 def test_a_hysteresis_as_stiff_as_the_spring_is_named_beside_an_identified_model():
     """It was called a cogging, with 0.97: the best start of the hysteresis was next to none of it."""
     built = replace(oscillator(5e4), effects=(LOOP,), machine=Imperfections(0.0, 8e-6, 0.0, None))
     device, recordings = SimulatedMachine(built), []
     for seed, (low, high) in enumerate(((5.0, 150.0), (20.0, 50.0))):
-        rng, n = np.random.default_rng(seed), 4096
+        rng, n = np.random.default_rng(seed), 2500
         lines = np.fft.rfftfreq(n, 1.0 / 750.0)
         phases = np.exp(2j * np.pi * rng.random(len(lines)))
         force = np.fft.irfft(np.where((lines > low) & (lines < high), phases, 0.0), n)

@@ -33,7 +33,7 @@ def recorded(spring):
     """Three recordings of slow moves of the stage with effects."""
 
     def of(*effects):
-        t, rng = STEP * np.arange(5000), np.random.default_rng(7)
+        t, rng = STEP * np.arange(3000), np.random.default_rng(7)
         device = SimulatedMachine(replace(spring, effects=effects))
         moves = [
             10.0 * np.sin(2 * np.pi * slow * t) * np.sin(2 * np.pi * fast * t)

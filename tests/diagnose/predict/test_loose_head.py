@@ -47,10 +47,10 @@ def seen(stage, references):  # type: ignore[no-untyped-def]
     """(fitted scene, held-out scene, model without effects) of a machine with these effects."""
     known = replace(stage, machine=replace(stage.machine, sensor_noise=NOISE.sensor))
 
-    def of(*effects, seed=0):  # type: ignore[no-untyped-def]
+    def of(*effects, seed=0, samples=3000):  # type: ignore[no-untyped-def]
         rng = np.random.default_rng(seed)
         machine = SimulatedMachine(replace(known, effects=effects))
-        runs = [machine.run(r, 0 * r, rng) for r in references]
+        runs = [machine.run(r, 0 * r, rng) for r in (r[:samples] for r in references)]
         base = Base.of(known, max(float(np.ptp(r.y)) for r in runs))
         trials = [prepare(base.simulator, r, NOISE.sensor) for r in runs]
         return *(Scene(known.loop, (t,), NOISE) for t in trials), Model(base)
@@ -106,9 +106,9 @@ def test_forces_along_the_motion_are_taken_where_the_machine_is(seen, spec):
     assert np.array_equal(at, aside) == (spec is HUM)
 
 
-@pytest.mark.slow(40)
+@pytest.mark.slow(20)
 def test_a_play_is_named_with_who_is_missing_beside_it(seen):
-    scene, held, model = seen(LATE, PLAY)
+    scene, held, model = seen(LATE, PLAY, samples=2150)
     standing = judge(scene, held, model, 4)
     lines: list[str] = []
     before = Outcome(standing, [], held, {})

@@ -91,7 +91,7 @@ def test_of_one_that_sticks_the_observer_is_the_sharper(spring, stuck):
     assert gains[1] > gains[0] + 500.0
 
 
-@pytest.mark.slow(110)
+@pytest.mark.slow(75)
 @pytest.mark.usefixtures("no_play_sought")
 def test_what_sticks_is_named_once_led(spring, record):
     stuck = record(STICKS, samples=2200)
@@ -110,7 +110,7 @@ def test_what_sticks_is_named_once_led(spring, record):
 
 
 def test_what_free_runs_explain_is_not_looked_at_again(spring, record):
-    recordings = record(EffectSpec("quadratic_drag", {"coefficient": 4e4}))
+    recordings = record(EffectSpec("quadratic_drag", {"coefficient": 4e4}), samples=2500)
     found = diagnose(spring, recordings[:1], recordings[1:])
     assert found.verdict == "explained"
     assert not parts(found)

@@ -42,8 +42,8 @@ def shaken(stage):  # type: ignore[no-untyped-def]
 def seen(shaken, record):  # type: ignore[no-untyped-def]
     """(fitted scene, held-out scene, model) of a machine with these effects."""
 
-    def of(*effects, seed=0):  # type: ignore[no-untyped-def]
-        runs = record(replace(shaken, effects=effects), seed)
+    def of(*effects, seed=0, samples=3000):  # type: ignore[no-untyped-def]
+        runs = [r[:samples] for r in record(replace(shaken, effects=effects), seed)]
         base = Base.of(shaken, max(float(np.ptp(r.y)) for r in runs))
         trials = [prepare(base.simulator, r, 1e-7) for r in runs]
         noise = Noise(1e-7, LOUD)
@@ -123,7 +123,7 @@ def test_friction_that_needs_more_than_the_stated_noise_is_believed_where_that_t
     seen, monkeypatch
 ):
     """Of the noises that which suits it best may be louder than the plant file has it."""
-    scene, held, model = seen(SKEWED)
+    scene, held, model = seen(SKEWED, samples=2150)
     bare = judge(scene, held, model)
     before = Outcome(bare, [], held, {})
     real, tried = dry_in_noise.louder, []

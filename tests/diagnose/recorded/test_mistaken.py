@@ -191,7 +191,7 @@ def test_a_bearing_that_pushes_is_no_wrong_unit(stage, record):  # type: ignore[
     """The command holds what the magnets push: y is a tenth, or less, of what the model makes of it. Such
     a machine is named (a reviewer's magnetic bearing was refused)."""
     push = EffectSpec("linear_stiffness", {"stiffness": -6.0e3, "centre": 0.0})
-    run, other = record(replace(stage, effects=(push,)))
+    run, other = (r[:2150] for r in record(replace(stage, effects=(push,))))
     factor, _ = factor_of(stage, run.u, run.y)
     assert factor < 0.1
     assert mistakes(stage, [run]) == ()
