@@ -249,7 +249,9 @@ class Run:
 
     @cached_property
     def cost(self) -> float:
-        return float(self.white @ self.white)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step that runs far
+            cost = float(self.white @ self.white)
+        return cost if np.isfinite(cost) else np.inf
 
 
 def run_of(scene: Scene, free: FreeModel) -> Run | None:

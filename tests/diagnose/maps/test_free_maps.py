@@ -18,7 +18,7 @@ from ffl.diagnose.maps.choosing import earns
 from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost, _proportional
 from ffl.diagnose.maps.freeform import free_form, judged
-from ffl.diagnose.maps.freemodel import FreeModel, Part, Running
+from ffl.diagnose.maps.freemodel import FreeModel, Part, Run, Running
 from ffl.diagnose.maps.gains import gains_of, within_the_line
 from ffl.diagnose.maps.known import hardly_shown, where_known
 from ffl.diagnose.maps.retold import with_the_stated_mass
@@ -373,3 +373,9 @@ def test_what_goes_in_proportion_is_told_beside_its_formula(along, port, gain, t
     assert slope("", port) == pytest.approx(told, abs=1e-9)
     assert slope("velocity", port) == 0.0
     assert slope("", "output") == 0.0
+
+
+def test_a_run_that_goes_far_leaves_more_than_any_other():
+    far = Run(np.array([1e200, -1e200, 1.0]), [])
+    assert far.cost == np.inf
+    assert Run(np.array([3.0, 4.0]), []).cost == 25.0
