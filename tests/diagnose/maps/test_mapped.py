@@ -203,7 +203,7 @@ def test_drag_that_outdoes_the_damping_is_followed_where_nothing_holds_the_stage
     assert np.std(left[0]) < 0.02 * np.std(runs[1].y)
 
 
-def test_an_inertia_that_grows_with_speed_is_run_at_once_and_told_beside_the_stated_mass(spring):  # type: ignore[no-untyped-def]
+def test_an_inertia_that_grows_with_speed_is_run_at_once(spring):  # type: ignore[no-untyped-def]
     """(M + J v^2) x'', three times M at the top; repeated along its own motion it never came to rest."""
     term = next(t for t in TERMS if t.name == "inertia by speed")
     u = swept(600)
