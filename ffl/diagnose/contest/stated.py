@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ffl.diagnose.contest.earning import LEAST
-from ffl.diagnose.contest.judging import Judged, judge, levelled
+from ffl.diagnose.contest.judging import Judged, judge, levelled, raw_error
+from ffl.diagnose.contest.restraint import worse
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.model import Model
@@ -77,9 +78,12 @@ def _as_stated(base: Judged, rivals: Sequence[Judged]) -> tuple[list[Model], fro
 
 def let_free(held: Scene | None, judged: Judged) -> Judged:
     """`judged` with the numbers free again that it has as stated for an effect in their place; not the one
-    that an effect of its kind stands for, which would trade against it."""
+    that an effect of its kind stands for, which would trade against it, and none where held-out recordings
+    speak against it. (With 12 % more mass a robot's axis was left with five times the error there.)"""
     own = {name for name, effect in NAMES.items() if effect in judged.model.names}
     free = replace(judged.model, unmoved=judged.model.unmoved & own)
     if free.unmoved == judged.model.unmoved:
         return judged
-    return judge(judged.scene, held, free, ROUNDS, judged.fit)
+    freed = judge(judged.scene, held, free, ROUNDS, judged.fit)
+    errors = raw_error(held, freed.model), raw_error(held, judged.model)
+    return judged if worse(held, freed, judged, *errors) else freed

@@ -20,8 +20,9 @@ from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freeform import judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part
+from ffl.diagnose.maps.grids import ranges_of
 from ffl.diagnose.maps.mapped import FALLING
-from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.least import least_noise
 from ffl.effects import EFFECTS, Motion
 from ffl.effects.modal import is_speed

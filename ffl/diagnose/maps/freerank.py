@@ -24,7 +24,8 @@ from ffl.diagnose.maps.freemodel import (
     tables_of,
 )
 from ffl.diagnose.maps.freestep import begun_along
-from ffl.diagnose.maps.terms import TERMS, Term, ranges_of
+from ffl.diagnose.maps.grids import ranges_of
+from ffl.diagnose.maps.terms import TERMS, Term
 from ffl.diagnose.recorded.warmth import feels_heat, first_warmth, warmed
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import Motion

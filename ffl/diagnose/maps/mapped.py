@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from ffl.diagnose.maps.freemodel import Part
 
 # What a force is: g(x), g(v), v g(x), direction g(x), g(x) a + g'(x) v^2/2, direction |u| g, v g(x)
-# upwards or downwards alone, u^2 g(x), and g(v) a;
+# upwards or downwards alone, u^2 g(x), g(v) a, and direction g(a);
 BY_POSITION, BY_VELOCITY, DAMPING, DRY, INERTIA = range(5)
 DRY_BY_COMMAND, DAMPING_UP, DAMPING_DOWN, PULL, INERTIA_BY_SPEED = range(11, 16)
+DRY_BY_ACCELERATION = 17
 # what comes to a command: g(u), u g(x), u g(|v|) with a g for pushing and one for pulling, and what a limit
 # cuts off that falls with |v|;
 BY_COMMAND, GAIN, GAIN_BY_SPEED, FALLING = range(5, 9)
@@ -105,6 +106,9 @@ def _force(p, x, v, a, u):  # type: ignore[no-untyped-def]
     if kind == DRY_BY_COMMAND:
         level = p[first] * abs(u)
         return level * direction, 0.0, level * turning, 0.0
+    if kind == DRY_BY_ACCELERATION:
+        g, slope = _at(p, first, n, a)
+        return g * direction, 0.0, g * turning, slope * direction
     g, slope = _at(p, first, n, x)
     if kind == BY_POSITION:
         return g, slope, 0.0, 0.0
@@ -221,8 +225,9 @@ class Mapped(Effect):
         steepest = 0.0
         if kind == BY_VELOCITY:
             steepest = float(np.abs(np.diff(g) / np.diff(knots)).max())
-        elif kind in (DAMPING, DAMPING_UP, DAMPING_DOWN, DRY):
-            steepest = float(np.abs(g).max()) / (floor if kind == DRY else 1.0)
+        elif kind in (DAMPING, DAMPING_UP, DAMPING_DOWN, DRY, DRY_BY_ACCELERATION):
+            dry = kind in (DRY, DRY_BY_ACCELERATION)
+            steepest = float(np.abs(g).max()) / (floor if dry else 1.0)
         elif kind == DRY_BY_COMMAND:
             steepest = float(np.abs(g).max() * knots[-1]) / floor
         elif kind == INERTIA:

@@ -60,10 +60,10 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     scale = free.model.simulator.force_per_input if part.place.port == "force" else 1.0
     unit = _unit(free, part)
     title = f"{part.place.words}: {part.term.name}"
-    place, speed = plant.output_unit, f"{plant.output_unit}/s"
+    place, speed, gain = (f"{plant.output_unit}{per}" for per in ("", "/s", "/s^2"))
     if is_speed(plant.output_unit):
-        place, speed = f"{plant.output_unit} s", plant.output_unit
-    units = {"x": place, "v": speed, "u": plant.input_unit, "t": "s"}
+        place, speed, gain = (f"{plant.output_unit}{per}" for per in (" s", "", "/s"))
+    units = {"x": place, "v": speed, "a": gain, "u": plant.input_unit, "t": "s"}
     if part.term.grid is None or part.term.along_grid is None:
         # Of more than one variable, or of what was before.
         over = next((name for name in part.term.variables if name in SIGNALS), "time")

@@ -9,11 +9,22 @@ acceleration, the command, its square (as iron is pulled).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ffl.diagnose.maps.grids import (
+    accelerations,
+    even,
+    hats,
+    interpolated,
+    moments,
+    speeds,
+    top_speed,
+    velocities,
+    warped,
+)
 from ffl.diagnose.maps.histories import Ranges, faded, heat, hot_gain, memories
 from ffl.diagnose.maps.mapped import (
     BY_COMMAND,
@@ -23,6 +34,7 @@ from ffl.diagnose.maps.mapped import (
     DAMPING_DOWN,
     DAMPING_UP,
     DRY,
+    DRY_BY_ACCELERATION,
     DRY_BY_COMMAND,
     GAIN,
     GAIN_BY_SPEED,
@@ -41,7 +53,6 @@ LENGTHS = (0.03, 0.08, 0.2, 0.6)  # of the grid: how fast a map may vary
 JITTER = 1e-6
 FALLS = (0.25, 0.5, 1.0)  # of the largest command, that a limit loses at the largest speed
 LEVELS = 14
-MOMENTS = 9  # knots of a map of the time: slower than what moves
 
 
 @dataclass(frozen=True)
@@ -99,7 +110,7 @@ class Term:
         """The grid in the coordinate in which the map varies evenly."""
         assert self.grid is not None
         at = self.grid(ranges)
-        return _warp(at, ranges) if self.along in ("velocity", "speed") else at
+        return warped(at, ranges) if self.along in ("velocity", "speed") else at
 
     @property
     def lengths(self) -> tuple[float, ...]:
@@ -109,71 +120,6 @@ class Term:
 def _point(ranges: Ranges) -> Motion:
     zero = np.zeros(2)
     return Motion(zero, zero, zero, zero, zero, zero, ranges["step"][0])
-
-
-def ranges_of(motions: Sequence[Motion]) -> dict[str, tuple[float, float]]:
-    """Least and greatest of each signal over the recordings; 'step' and 'time' for histories."""
-    out = {}
-    for name in ("x", "v", "u"):
-        joined = np.concatenate([getattr(m, name) for m in motions])
-        out[name] = (float(joined.min()), float(joined.max()))
-    step = motions[0].sample_time
-    out["step"] = (step, max(len(m.t) for m in motions) * step)
-    return out
-
-
-# --- grids ---------------------------------------------------------------------------------------
-
-
-def _even(name: str, k: int) -> Callable[[Ranges], Array]:
-    return lambda ranges: np.linspace(*ranges[name], k)
-
-
-def _top(ranges: Ranges) -> float:
-    return max(abs(v) for v in ranges["v"]) or 1e-300
-
-
-def _warp(v: Array, ranges: Ranges) -> Array:
-    return np.arcsinh(v / (0.02 * _top(ranges)))
-
-
-def _velocities(ranges: Ranges) -> Array:
-    edge = np.arcsinh(50.0)
-    return 0.02 * _top(ranges) * np.sinh(np.linspace(-edge, edge, 41))
-
-
-def _speeds(ranges: Ranges) -> Array:
-    return np.linspace(0.0, _top(ranges), 15)
-
-
-def _moments(ranges: Ranges) -> Array:
-    return np.linspace(0.0, ranges["step"][1], MOMENTS)
-
-
-def _hats(x: Array, grid: Array) -> Array:
-    """(N, k): linear interpolation weights of x on the grid, going on straight beyond its ends by a
-    quarter of its extent at most."""
-    k = len(grid)
-    at = np.clip(np.searchsorted(grid, x, side="right") - 1, 0, k - 2)
-    reach = 0.25 * (grid[-1] - grid[0])
-    inside = np.clip(x, grid[0] - reach, grid[-1] + reach)
-    share = (inside - grid[at]) / np.maximum(grid[at + 1] - grid[at], 1e-300)
-    out = np.zeros((len(x), k))
-    rows = np.arange(len(x))
-    out[rows, at] = 1.0 - share
-    out[rows, at + 1] += share
-    return out
-
-
-def _interpolated(x: Array, grid: Array, values: Array) -> Array:
-    """_hats(x, grid) @ values."""
-    reach = 0.25 * (grid[-1] - grid[0])
-    x = np.clip(x, grid[0] - reach, grid[-1] + reach)
-    first, last = (
-        np.diff(values[part]) / np.diff(grid[part]) for part in (slice(2), slice(-2, None))
-    )
-    beyond = np.minimum(x - grid[0], 0.0) * first[0] + np.maximum(x - grid[-1], 0.0) * last[0]
-    return np.interp(x, grid, values) + beyond
 
 
 # --- columns -------------------------------------------------------------------------------------
@@ -188,29 +134,29 @@ def _map(driver: Callable[[Motion], Array | float], signal: str, grid: Callable[
     def columns(m: Motion, ranges: Ranges) -> Array:
         value = variable(m, signal)
         weight = np.broadcast_to(np.asarray(driver(m), float), value.shape)
-        return _hats(value, grid(ranges)) * weight[:, None]
+        return hats(value, grid(ranges)) * weight[:, None]
 
     return columns
 
 
 def _driven(driver: Callable[[Motion], Array | float], signal: str):  # type: ignore[no-untyped-def]
     def along(m: Motion, grid: Array, values: Array) -> Array:
-        return driver(m) * _interpolated(variable(m, signal), grid, values)
+        return driver(m) * interpolated(variable(m, signal), grid, values)
 
     return along
 
 
 def _inertia_along(m: Motion, grid: Array, values: Array) -> Array:
-    slope = _interpolated(m.x, grid, np.gradient(values, grid))
-    return _interpolated(m.x, grid, values) * m.a + 0.5 * slope * m.v**2
+    slope = interpolated(m.x, grid, np.gradient(values, grid))
+    return interpolated(m.x, grid, values) * m.a + 0.5 * slope * m.v**2
 
 
 def _inertia(m: Motion, ranges: Ranges) -> Array:
     """M(x) a + M'(x) v^2/2: what Lagrange gives for a mass that depends on position."""
     grid = _positions(ranges)
-    hats = _hats(m.x, grid)
-    slope = hats @ np.gradient(np.eye(len(grid)), grid, axis=0)
-    return hats * m.a[:, None] + 0.5 * slope * m.v[:, None] ** 2
+    table = hats(m.x, grid)
+    slope = table @ np.gradient(np.eye(len(grid)), grid, axis=0)
+    return table * m.a[:, None] + 0.5 * slope * m.v[:, None] ** 2
 
 
 def _scale_along(m: Motion, grid: Array, values: Array) -> Array:
@@ -227,22 +173,18 @@ def _largest(ranges: Ranges) -> Array:
     return np.array([max(abs(at) for at in ranges["u"])])
 
 
-_positions, _few, _commands = _even("x", 49), _even("x", 17), _even("u", 33)
+_positions, _few, _commands = even("x", 49), even("x", 17), even("u", 33)
 
 
 def _load(m: Motion, ranges: Ranges) -> Array:
     return np.column_stack([np.abs(m.u) * m.direction])
 
 
-def _inertial_load(m: Motion, ranges: Ranges) -> Array:
-    return np.column_stack([np.abs(m.a) * m.direction])
-
-
 def _pushed(m: Motion, ranges: Ranges) -> Array:
     """The command by speed, pushing and pulling apart."""
-    hats = _hats(np.abs(m.v), _speeds(ranges))
+    table = hats(np.abs(m.v), speeds(ranges))
     u = m.u[:, None]
-    return np.hstack([hats * np.maximum(u, 0.0), hats * np.minimum(u, 0.0)])
+    return np.hstack([table * np.maximum(u, 0.0), table * np.minimum(u, 0.0)])
 
 
 def _limited(m: Motion, ranges: Ranges) -> Array:
@@ -251,7 +193,7 @@ def _limited(m: Motion, ranges: Ranges) -> Array:
     size = max(abs(at) for at in ranges["u"]) or 1e-300
     sign, out = np.sign(m.u)[:, None], []
     for share in FALLS:
-        both = np.abs(m.u) / size + share * np.abs(m.v) / _top(ranges)
+        both = np.abs(m.u) / size + share * np.abs(m.v) / top_speed(ranges)
         beyond = both[:, None] - np.linspace(0.0, 1.0 + share, LEVELS, endpoint=False)
         out.append(np.maximum(beyond, 0.0) * sign)
     return np.hstack(out)
@@ -318,12 +260,18 @@ def _command(m: Motion) -> Array:
     return m.u
 
 
-SIGNALS = {"position": "x", "velocity": "v", "command": "u", "time": "t"}  # of a `Motion`
+SIGNALS = {
+    "position": "x",
+    "velocity": "v",
+    "acceleration": "a",
+    "command": "u",
+    "time": "t",
+}  # of a `Motion`
 POSITION, VELOCITY, COMMAND = ("position",), ("velocity",), ("command",)
 HEAT = ("command", "history", "time")
 TERMS: tuple[Term, ...] = (
     _gridded("position", "force", POSITION, "", _one, "position", _positions, BY_POSITION),
-    _gridded("velocity", "force", VELOCITY, "", _one, "velocity", _velocities, BY_VELOCITY),
+    _gridded("velocity", "force", VELOCITY, "", _one, "velocity", velocities, BY_VELOCITY),
     _gridded(
         "direction by position", "force", ("position", "direction"), "sign(velocity)", _direction,
         "position", _positions, DRY,
@@ -349,13 +297,13 @@ TERMS: tuple[Term, ...] = (
         "sign(velocity)", "|command|", _load, None,
         kind=DRY_BY_COMMAND, levels=_largest,
     ),
-    Term(
-        "direction by size of acceleration", "force", ("acceleration", "direction"),
-        "sign(velocity)", "|acceleration|", _inertial_load, None,
+    _gridded(
+        "direction by acceleration", "force", ("acceleration", "direction"), "sign(velocity)",
+        _direction, "acceleration", accelerations, DRY_BY_ACCELERATION,
     ),
     _gridded(
         "inertia by speed", "force", ("velocity", "acceleration"), "acceleration",
-        lambda m: m.a, "velocity", _velocities, INERTIA_BY_SPEED,
+        lambda m: m.a, "velocity", velocities, INERTIA_BY_SPEED,
     ),
     _gridded(
         "pull by position", "force", ("command", "position"), "command^2",
@@ -363,7 +311,7 @@ TERMS: tuple[Term, ...] = (
     ),
     _gridded(
         "direction by time", "force", ("time", "direction"), "sign(velocity)", _direction,
-        "time", _moments,
+        "time", moments,
     ),
     _of_history("history of position", "force", ("history", "position"), "", "faded position", faded),
     _of_history("heat of the command", "force", HEAT, "", "heat", heat),
@@ -374,14 +322,14 @@ TERMS: tuple[Term, ...] = (
     ),
     Term(
         "command by velocity", "command", ("command", "velocity"), "command", "speed", _pushed, None,
-        kind=GAIN_BY_SPEED, levels=_speeds,
+        kind=GAIN_BY_SPEED, levels=speeds,
     ),
     Term(
         "limit by speed", "command", ("command", "velocity"), "sign(command)",
         "|command| and speed", _limited, None, side="sent",
     ),
     _gridded(
-        "command by time", "command", ("time", "command"), "command", _command, "time", _moments,
+        "command by time", "command", ("time", "command"), "command", _command, "time", moments,
     ),
     _of_history("command by its heat", "command", HEAT, "command", "heat", hot_gain),
     Term(
@@ -390,11 +338,11 @@ TERMS: tuple[Term, ...] = (
     ),
     _gridded(
         "velocity at the sensor", "output", VELOCITY, "", _one,
-        "velocity", _velocities, SHOWN_VELOCITY,
+        "velocity", velocities, SHOWN_VELOCITY,
     ),
     Term(
         "command at the sensor", "output", COMMAND, "", "command",
-        lambda m, ranges: _hats(_heard(m), _commands(ranges)), _commands, kind=SHOWN_COMMAND,
-        along_grid=lambda m, grid, values: _interpolated(_heard(m), grid, values),
+        lambda m, ranges: hats(_heard(m), _commands(ranges)), _commands, kind=SHOWN_COMMAND,
+        along_grid=lambda m, grid, values: interpolated(_heard(m), grid, values),
     ),
 )  # fmt: skip

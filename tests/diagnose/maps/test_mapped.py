@@ -13,7 +13,8 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part
-from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.maps.grids import ranges_of
+from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
 from ffl.recordings import Recording

@@ -13,6 +13,7 @@ from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import library
 from ffl.diagnose.maps.freeform import BENT, _started, _unbent, free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, Part
+from ffl.diagnose.maps.grids import ranges_of
 from ffl.diagnose.maps.picture import picture
 from ffl.diagnose.maps.retold import (
     beside_formula,
@@ -20,7 +21,7 @@ from ffl.diagnose.maps.retold import (
     with_the_stated_mass,
     with_the_stated_number,
 )
-from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.recorded.trials import start_of
 from ffl.effects import Motion
 from ffl.machines.simulator import Simulator

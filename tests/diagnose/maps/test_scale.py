@@ -21,8 +21,9 @@ from ffl.diagnose.maps.freemodel import (
     tables_of,
 )
 from ffl.diagnose.maps.gains import in_own_noise
+from ffl.diagnose.maps.grids import ranges_of
 from ffl.diagnose.maps.mapped import smoothed
-from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import prepare

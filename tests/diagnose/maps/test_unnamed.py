@@ -17,8 +17,9 @@ from ffl.diagnose.maps.form import held_gain
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import FreeModel, evidence
 from ffl.diagnose.maps.gains import left_alone
+from ffl.diagnose.maps.grids import ranges_of
 from ffl.diagnose.maps.picture import _asked
-from ffl.diagnose.maps.terms import TERMS, ranges_of
+from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.maps.unnamed import _beside_numbers
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.proof.advise import separate
