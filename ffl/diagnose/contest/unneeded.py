@@ -62,8 +62,8 @@ def _told_by_both(current: Judged, bare: Judged) -> bool:
 
 
 def _missed(held: Scene | None, whole: Judged, bare: Judged) -> bool:
-    """Whether the held-out recordings miss what `bare` has no more, as they would who came in. (Without a play that had no
-    size of its own a robot's axis was left with 15 times the error there, and a mass 36 % too large.)"""
+    """Whether the held-out recordings miss what `bare` has no more, as they would who came in. (Without a
+    play that had no size of its own a robot's axis was left with 15 times the error there.)"""
     return worse(held, bare, whole, raw_error(held, bare.model), raw_error(held, whole.model))
 
 

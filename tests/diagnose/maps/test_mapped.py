@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.maps.freemodel import FreeModel, Part
 from ffl.diagnose.maps.grids import ranges_of
+from ffl.diagnose.maps.mapped import FLOOR
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
@@ -224,6 +225,33 @@ def test_an_inertia_that_grows_with_speed_is_run_at_once(spring):  # type: ignor
     moved = np.std(wanted - trial.y)
     assert moved > 0.05 * np.std(trial.y)
     assert np.std(found[0].y - wanted) < 2e-2 * moved
+
+
+def test_dry_friction_that_goes_with_the_acceleration_is_run_at_once(spring):  # type: ignore[no-untyped-def]
+    """A gear whose losses go with the torque that it passes on: 1 N and 0.8 kg a against the motion."""
+    term = next(t for t in TERMS if t.name == "direction by acceleration")
+    u = swept(600)
+    bare = integrated(u, linear)
+    model, trial = trial_of(spring, recording(u, bare, "swept"))
+    spans = ranges_of([model.simulate(trial).motion()])
+    free = FreeModel(model, (Part(term, Place("force"), -1.0 - 0.8 * term.knots(spans), spans),))
+    found = free.simulate(trial)
+    assert found is not None
+    assert not free._repeated
+    floor = FLOOR * max(abs(v) for v in spans["v"])
+
+    def run(more):  # type: ignore[no-untyped-def]
+        def acceleration(x, v, held):  # type: ignore[no-untyped-def]
+            way = np.clip(v / floor, -1.0, 1.0)
+            return (MASS * linear(x, v, held) - 1.0 * way) / (MASS + more * way)
+
+        return integrated(u, acceleration)
+
+    wanted = run(0.8)
+    moved = np.std(wanted - bare)
+    assert moved > 0.05 * np.std(bare)
+    assert np.std(found[0].y - wanted) < 0.1 * moved  # reversals are solved within a step or two
+    assert np.std(run(0.0) - wanted) > 0.3 * moved
 
 
 def test_a_sensor_that_hears_the_command_is_told_at_the_sensor(spring):  # type: ignore[no-untyped-def]
