@@ -43,6 +43,7 @@ from ffl.diagnose.recorded import sound
 from ffl.diagnose.recorded.commands import as_limited
 from ffl.diagnose.recorded.glitches import without_glitches, without_turns
 from ffl.diagnose.recorded.mistaken import mistakes
+from ffl.diagnose.recorded.others import with_others
 from ffl.diagnose.recorded.signs import unfolded
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import commanded, prepared
@@ -55,6 +56,9 @@ from ffl.recordings.repeats import repeat_findings
 from ffl.systems.plant import Plant
 
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
+
+
+ASKED = "what else was recorded was asked as well whether it drives the machine: {}"
 
 
 def diagnose(
@@ -101,6 +105,8 @@ def _diagnose_output(
     everything, glitches = without_glitches(model, everything)
     everything, notes = sound.injected_as_sent(model, everything)
     notes = [*turned, *glitches, *notes]
+    everything, others = with_others(everything)
+    notes += [ASKED.format(", ".join(others))] if others else []
     recordings, validation = everything[: len(recordings)], everything[len(recordings) :]
     health = sound.soundness(model, everything)
     notes += health.notes

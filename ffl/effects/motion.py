@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Motion:
     the point where an effect acts (output units and their time derivatives), noise-free; `mass` of
     the moving part (force unit s^2 / output unit; 1/`Mechanics` residue); `warm` what the machine was
     warmed with before the first sample, in squares of the command; `turn` of a full turn where x is an
-    angle, in units of x.
+    angle, in units of x; `others` what else was recorded, by name.
     """
 
     t: Array
@@ -44,6 +45,7 @@ class Motion:
     mass: float = 1.0
     warm: float = 0.0
     turn: float = 2.0 * np.pi
+    others: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of_reference(cls, r: Array, sample_time: float, mass: float = 1.0) -> Motion:
@@ -62,8 +64,12 @@ class Motion:
     @property
     def mid_sample(self) -> Motion:
         """Half a sample later, where a force that is held over a sample is felt."""
-        x, v, a = (np.append(0.5 * (q[1:] + q[:-1]), q[-1]) for q in (self.x, self.v, self.a))
-        return replace(self, x=x, v=v, a=a)
+
+        def later(q: Array) -> Array:
+            return np.append(0.5 * (q[1:] + q[:-1]), q[-1])
+
+        others = {name: later(q) for name, q in self.others.items()}
+        return replace(self, x=later(self.x), v=later(self.v), a=later(self.a), others=others)
 
     @property
     def direction(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,11 @@ from ffl.recordings.mapping import (
 from ffl.recordings.readers import open_table
 from ffl.recordings.recording import Array, Recording
 from ffl.recordings.sampling import examine_time, other_than_mapped
-from ffl.recordings.table import Table
+from ffl.recordings.table import Table, split_unit
 from ffl.systems.plant_file import suggest
 
 NO_Y = "no column y in the mapping"
+MOST = 12  # columns beside the mapped ones that are kept
 
 
 def read_recording(
@@ -152,7 +154,24 @@ def _build(
     )
     if check and sample_time is not None:
         check_recording(recording, sample_time, place)
-    return recording
+    used = {table.find(n) for n in names}
+    others = _others(table, [n for n in table.names if n not in used], n)
+    return replace(recording, others={name: x[first:stop] for name, x in others.items()})
+
+
+def _others(table: Table, names: Sequence[str], samples: int) -> dict[str, Array]:
+    """Of the columns that nothing is mapped from, the first `MOST` that are numbers, one to a sample."""
+    out: dict[str, Array] = {}
+    for name in names:
+        try:
+            values = table.numbers([name])[name]
+        except InputError:  # no numbers, or a name that stands there twice: nobody asked for it
+            continue
+        if values.shape == (samples,) and np.all(np.isfinite(values)):
+            out[split_unit(name)[0]] = values
+        if len(out) == MOST:
+            break
+    return out
 
 
 def _columns(table: Table, mapped: Columns) -> tuple[Columns, tuple[str, ...]]:

@@ -35,6 +35,7 @@ class Recording:
     missing : columns that were not measured but filled in; a command that nothing in the file
         determines (u = f + C(r - y) with a controller elsewhere) is NaN until `with_command`
     notes : what was done to the samples on the way here, one sentence each
+    others : columns of the file that nothing above is made of, by name, each (n,)
 
     Raises `InputError` where lengths differ or a column is not one-dimensional and real. Whether
     the samples themselves can be trusted is asked with `check_recording` and `soundness`.
@@ -52,6 +53,7 @@ class Recording:
     source: str = field(default="recording", kw_only=True)
     missing: frozenset[str] = field(default=frozenset(), kw_only=True)
     notes: tuple[str, ...] = field(default=(), kw_only=True)
+    others: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in COLUMNS:
@@ -73,6 +75,9 @@ class Recording:
             )
         object.__setattr__(self, "sample_time", sample_time)
         object.__setattr__(self, "missing", frozenset(self.missing))
+        # Columns of samples that are no more, of a recording that was resampled, say nothing of these.
+        whole = {name: x for name, x in self.others.items() if len(x) == lengths["y"]}
+        object.__setattr__(self, "others", whole)
 
     @classmethod
     def from_signals(
@@ -148,7 +153,8 @@ class Recording:
         parts = {
             name: values[rows] for name in COLUMNS if (values := getattr(self, name)) is not None
         }
-        return replace(self, **parts)
+        others = {name: values[rows] for name, values in self.others.items()}
+        return replace(self, **parts, others=others)
 
     def between(self, start: float, stop: float) -> Recording:
         """The samples with start <= t < stop [s]."""

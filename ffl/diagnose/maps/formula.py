@@ -22,7 +22,7 @@ MOST = 3  # terms of a formula
 STRAIGHTER = 0.1  # of a map of the command: what beside its formula goes in proportion to that
 PER_NUMBER = 8.0  # sum of squares that one more number must take off
 KNOTS = 4.0  # of a map to a period: a faster wave is what lies between them
-EVEN = ("position", "time", "command")  # what maps have even knots of
+UNEVEN = "velocity"  # what maps have knots of that lie close about zero
 CANCELS = 30.0  # times the largest sum: terms so large say nothing
 SHARE = 0.01  # of what the map itself takes off, that one more term must take off
 
@@ -135,7 +135,7 @@ def _of_map(
     shapes: list[Shape] = []
     cost = float(q @ q)
     signed = part.term.along not in ("position", "time")
-    finest = KNOTS * float(np.diff(z).max()) if part.term.along in EVEN else 0.0
+    finest = KNOTS * float(np.diff(z).max()) if part.term.along != UNEVEN else 0.0
     pool = list(library(float(z[0]), float(z[-1]), signed, finest))
     while len(shapes) < MOST:
         trials = [_cost([*shapes, s], z, r, q) + PER_NUMBER * _numbers(s) for s in pool]
@@ -286,7 +286,8 @@ def _of_history(
 def _plain(part: Part, r: Array, q: Array, best: float, scale: float) -> Formula:
     """A single column says itself; push and pull alike over speed are a polynomial of it."""
     if len(part.coefficients) == 1:
-        text = f"{_what(part)} = {part.coefficients[0] * scale:.4g} {part.term.driver} {part.term.along}"
+        body = f"{part.term.driver} {part.term.along}".strip()
+        text = f"{_what(part)} = {part.coefficients[0] * scale:.4g} {body}"
         return Formula(text, None, None, 1.0)
     half = len(part.coefficients) // 2
     v = np.linspace(0.0, max(abs(s) for s in part.ranges["v"]), half)

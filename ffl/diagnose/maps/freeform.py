@@ -112,7 +112,7 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
     force = next((p.place for p in current.parts if p.place.port == "force"), None)
     entries = [
         (t, p)
-        for t, p in entries_of(current.free.model)
+        for t, p in entries_of(current.free.model, [*scene.trials, *(held.trials if held else ())])
         if (not names or t.name in names)
         and (t.name, p) not in taken
         and (p.side != SENT or current.cost > RECORDED * len(current.white))

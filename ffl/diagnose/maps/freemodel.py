@@ -197,7 +197,7 @@ class FreeModel:
         reference, maps at the sensor included; in motion they are part of what was read."""
         simulator = self.model.base.simulator
         start = start_of(simulator, self.model.acting, trial, self.pulls)
-        shown = [p for p in self.parts if p.place.port == "output"]
+        shown = [p for p in self.parts if p.place.port == "output" and not p.term.column]
         if shown and self.model.base.keeps_start(trial):
             head = trial.head(shown_in(simulator, len(trial)))
             motion = self.model.simulate(head, [side_of(shown[0].place)]).motion("sensor", None)
@@ -305,6 +305,7 @@ def _seen(motion: Motion, place: Place, trial: Trial) -> Motion:
     """The motion that a map at `place` sees. A limit cuts off what feedback then asks for again: its
     repetition does not come to rest, and the command as recorded is what was cut."""
     motion = replace(motion, warm=trial.warm) if trial.warm else motion
+    motion = replace(motion, others=trial.others) if trial.others else motion
     if place.side != SENT or not np.all(np.isfinite(trial.u)):
         return motion
     return replace(motion, u=trial.u)

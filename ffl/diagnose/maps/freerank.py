@@ -14,6 +14,7 @@ from ffl.diagnose.hypothesis.fit import Fit
 from ffl.diagnose.hypothesis.linear import WITHOUT_ZERO
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import Place, places_of
+from ffl.diagnose.maps.columns import terms_by
 from ffl.diagnose.maps.freemodel import (
     Evidence,
     FreeModel,
@@ -26,6 +27,7 @@ from ffl.diagnose.maps.freemodel import (
 from ffl.diagnose.maps.freestep import begun_along
 from ffl.diagnose.maps.grids import ranges_of
 from ffl.diagnose.maps.terms import TERMS, Term
+from ffl.diagnose.recorded.trials import Trial
 from ffl.diagnose.recorded.warmth import feels_heat, first_warmth, warmed
 from ffl.diagnose.screen.followed import followed, strays
 from ffl.effects import Motion
@@ -38,12 +40,13 @@ ROWS = 6000  # of the whitened tables, spread evenly, that rank the maps
 WORTH = 20.0  # log-likelihood that a map must bring in the fitted recordings (nulls reach 26)
 
 
-def entries_of(model: Model) -> list[tuple[Term, Place]]:
-    """Every term at every place where it may act."""
+def entries_of(model: Model, trials: Sequence[Trial] = ()) -> list[tuple[Term, Place]]:
+    """Every term at every place where it may act, and those of what else was recorded in all `trials`."""
     mechanical = bool(model.simulator.mechanics.modes)
     points = places_of(model) if mechanical else []
     out = []
-    for term in TERMS:
+    names = [n for n in trials[0].others if all(n in t.others for t in trials)] if trials else []
+    for term in (*TERMS, *(term for name in names for term in terms_by(name))):
         places = points if term.port == "force" else [Place(term.port, term.side)]
         out += [(term, place) for place in places]
     return out

@@ -22,6 +22,9 @@ def ranges_of(motions: Sequence[Motion]) -> dict[str, tuple[float, float]]:
         rare = RARE if name == "a" else 0.0  # a knock or a kink is no range
         low, high = np.quantile(joined, [rare, 1.0 - rare])
         out[name] = (float(low), float(high))
+    for name in motions[0].others:
+        joined = np.concatenate([m.others[name] for m in motions])
+        out[name] = (float(joined.min()), float(joined.max()))
     step = motions[0].sample_time
     out["step"] = (step, max(len(m.t) for m in motions) * step)
     return out

@@ -75,11 +75,11 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
     grid = part.term.grid(part.ranges)
     unity = part.term.along_grid(motion, grid, np.ones(len(grid)))
     clear = np.abs(unity) > CLEAR * np.abs(unity).max()
-    name = SIGNALS[part.term.along]
+    name = SIGNALS.get(part.term.along, part.term.along)
     x = variable(motion, name)
     per = f" per {part.term.driver}" if part.term.driver else ""
     return MapPicture(
-        title, f"{part.term.along} [{units[name]}]",
+        title, f"{part.term.along} [{units[name]}]" if name in units else part.term.along,
         f"asked for and fitted{per}" + ("" if per else f" [{unit}]"),
         x[clear], (wanted[clear] / unity[clear]) * scale, grid, part.coefficients * scale,
         None if said is None else said.values,

@@ -62,7 +62,7 @@ class Term:
     ranges, time constants)`: the columns of a history; `along_grid(motion, grid, values)`: the
     map itself. `side` "sent": of the command as it was recorded, not simulated. `kind`: what it is to
     the kernel (`mapped`), None where it is run by repetition; `levels`: its knots there, if not
-    those of `grid`."""
+    those of `grid`; `column`: what else was recorded that it reads."""
 
     name: str
     port: str
@@ -76,6 +76,7 @@ class Term:
     side: str = "sensor"
     kind: int | None = None
     levels: Callable[[Ranges], Array] | None = None
+    column: str = ""
 
     def knots(self, ranges: Ranges) -> Array:
         """Where the map's values stand that the kernel runs it by."""
@@ -127,6 +128,8 @@ def _point(ranges: Ranges) -> Motion:
 
 def variable(m: Motion, signal: str) -> Array:
     """The variable of a map; time is that since the recording began."""
+    if signal in m.others:
+        return m.others[signal]
     return m.t - m.t.min() if signal == "t" else getattr(m, signal)  # type: ignore[no-any-return]
 
 
@@ -222,7 +225,7 @@ def _gridded(
     grid: Callable[[Ranges], Array],
     kind: int | None = None,
 ) -> Term:
-    signal = SIGNALS[along]
+    signal = SIGNALS.get(along, along)
     return Term(
         name,
         port,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,10 +25,8 @@ SPAN = 0.01  # s over which speed is read from y
 HOLD = 1000  # most samples over which the place of a machine at rest is read
 TURN = 1e-3  # of the range of y: a way back that is a turning point
 MOVING = 0.1  # of the largest speed: in motion at the first sample
-RARE, LOUD = (
-    1e-3,
-    5.0,
-)  # share of samples, and standard deviations of noise, that `largest` leaves out
+# Share of samples, and standard deviations of noise, that `largest` leaves out.
+RARE, LOUD = 1e-3, 5.0
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,7 @@ class Trial:
     goes_on: bool = False  # a later piece of the recording before it
     lost: Array | None = None  # which samples a sensor at its limit could not show (see `clip`)
     folded: bool = False  # y has the signs that its sensor is blind to (see `signs`)
+    others: Mapping[str, Array] = field(default_factory=dict)  # what else was recorded, by name
 
     def __len__(self) -> int:
         return len(self.y)
@@ -120,7 +119,7 @@ class Trial:
         for name in ("load", "unrest", "asked", "lost"):
             whole = getattr(self, name)
             parts[name] = None if whole is None else whole[:rows]
-        return replace(self, **parts)
+        return replace(self, **parts, others={k: x[:rows] for k, x in self.others.items()})
 
     def beside(self, y: Array) -> Array:
         """What was measured less `y` (N,), straight over what the sensor lost."""
@@ -150,6 +149,7 @@ class Trial:
             self, reference=longer(self.reference), feedforward=longer(self.feedforward), load=load,
             y=longer(self.y), u=longer(self.u), asked=asked, lost=lost,
             start_time=self.start_time - rows * self.sample_time, unrest=None,
+            others={name: longer(x) for name, x in self.others.items()},
         )  # fmt: skip
 
     @property
@@ -318,6 +318,7 @@ def prepare(simulator: Simulator, recording: Recording, noise: float) -> Trial:
         rest and springs_back(simulator),
         adrift if rest else None,
         asked=asked,
+        others=recording.others,
     )
 
 
