@@ -205,6 +205,27 @@ def _exchanged(asked: Asked) -> Fault | None:
     )  # fmt: skip
 
 
+def _error(asked: Asked) -> Fault | None:
+    """The following error under y's name, in either sign: u = f + C_r r - C_y (r - b y) and, other than
+    with an r that did not act, u moves r - b y more as the plant has it than it moves y."""
+    eq, recording = asked.equation, asked.recording
+    by_error = eq.f + eq.by_r - np.atleast_1d(eq.output.filter(recording.r[: len(eq.y)]))
+    left, (b,), _ = eq.left(eq.u - by_error, [eq.by_y])
+    if not (left < asked.good and abs(abs(b) - 1.0) < LIKE):
+        return None
+    u, y, r = recording.u[:ROWS], recording.y[:ROWS], recording.r[:ROWS]
+    with np.errstate(all="ignore"):  # a plant that runs away tells nothing of the two
+        better = factor_of(asked.plant, u, r - b * y)[1] < factor_of(asked.plant, u, y)[1]
+    if not better:
+        return None
+    error, how, scale = ("r - y", "r minus", -1) if b > 0.0 else ("y - r", "r plus", 1)
+    return asked.fault(
+        "columns", "the column y",
+        f"y is the following error {error}, not the position: map y as {how} that column, y = {{ sum = "
+        f'["<r\'s column>", {{ name = "<y\'s column>", scale = {scale} }}] }} (times the scale each has)',
+    )  # fmt: skip
+
+
 def _shifted(asked: Asked) -> Fault | None:
     """u late (what the controller gives as a whole), or one column against the others."""
     left, late = asked.behind
@@ -272,6 +293,7 @@ QUESTIONS: tuple[Callable[[Asked], Fault | None], ...] = (
     _output,
     _gain,
     _exchanged,
+    _error,
     _shifted,
     _standing,
     _another,

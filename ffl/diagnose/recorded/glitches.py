@@ -17,6 +17,7 @@ import numpy as np
 
 from ffl.diagnose.recorded.equation import stated_ratio
 from ffl.recordings import Recording
+from ffl.recordings.counters import counter_of
 from ffl.recordings.jumps import unwrapped
 from ffl.recordings.spikes import spikes, told, without_spikes
 from ffl.recordings.units import turn_in
@@ -52,21 +53,31 @@ def without_glitches(
 def without_turns(
     plant: Plant, recordings: Sequence[Recording]
 ) -> tuple[list[Recording], list[str]]:
-    """(recordings whose angles go on where an encoder starts again after a turn; what to say)."""
-    turn = turn_in(plant.output_unit)
-    if turn is None:
-        return list(recordings), []
+    """(recordings whose y goes on where an encoder starts again after a turn, or a counter after all of its
+    steps; what to say)."""
+    turn, unit = turn_in(plant.output_unit), plant.output_unit
     kept, notes = [], []
     for recording in recordings:
-        mended, often = unwrapped(recording, turn)
-        kept.append(mended)
+        mended, often = (recording, 0) if turn is None else unwrapped(recording, turn)
         if often:
-            times = "once" if often == 1 else f"{often} times"
             notes.append(
-                f"{recording.source}: the angle starts again after {turn:.6g} {plant.output_unit}, "
-                f"{times}: carried on over the turn"
+                f"{recording.source}: the angle starts again after {turn:.6g} {unit}, "
+                f"{_times(often)}: carried on over the turn"
             )
+        counter = counter_of(mended.y, plant.machine.encoder_resolution)
+        mended, often = (mended, 0) if counter is None else unwrapped(mended, counter.range)
+        if counter is not None and often:
+            notes.append(
+                f"{recording.source}: y wraps around after 2^{counter.bits} = {2**counter.bits} steps of "
+                f"{counter.step:.6g} {unit}, as a counter does that is full, {_times(often)}: unwrapped, "
+                f"carried on by {counter.range:.6g} {unit}"
+            )
+        kept.append(mended)
     return kept, notes
+
+
+def _times(often: int) -> str:
+    return "once" if often == 1 else f"{often} times"
 
 
 def _acted(plant: Plant, recording: Recording, mended: Recording) -> bool:

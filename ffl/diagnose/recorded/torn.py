@@ -7,7 +7,8 @@ both: from one sample to the next the position of a mass goes on as before, but 
 
 h the impulse response of the plant. (Two seconds cut out of a 30 kg axis: y back by 0.2 m in 2 ms, 5,100
 times what its command could do; a play was named.) A y that stood still before, but for a last digit that
-trembles, was frozen.
+trembles, was frozen. One that goes back by the same each time, and stays within that, may be a counter that
+was full (`recordings.counters`: what is certain is carried on before).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from ffl.diagnose.recorded.against_controller import Fault
 from ffl.effects.modal import is_speed
 from ffl.recordings import Recording
+from ffl.recordings.counters import equal_jumps
 from ffl.recordings.jumps import ABOUT, jumps, missing
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
@@ -68,6 +70,17 @@ def torn(plant: Plant, recording: Recording) -> Fault | None:
             "do: cut that stretch out of the recording",
         )
     more = f" and {len(at) - 1} more times" if len(at) > 1 else ""
+    if (size := equal_jumps(y)) is not None:
+        unit = plant.output_unit
+        return Fault(
+            recording.source,
+            "wrapped",
+            f"y goes back by {size:.4g} {unit} each time that it jumps, at {t[k + 1]:.6g} s{more}, and "
+            "stays within that",
+            f"y may wrap around, as a counter does that is full: carry it on by {size:.4g} {unit} at each "
+            "jump; where the counter has 2^n steps, stating one of them as [machine] encoder_resolution is "
+            "enough",
+        )
     return Fault(
         recording.source,
         "samples_missing",

@@ -81,3 +81,18 @@ def test_an_angle_is_carried_on_over_the_turn_and_a_length_is_not(stage, record)
     for one, whole in zip(kept, runs, strict=True):
         np.testing.assert_allclose(one.y, whole.y, atol=1e-6)
     assert without_turns(stage, wrapped) == (wrapped, [])
+
+
+def test_a_position_is_carried_on_where_its_counter_is_full(stage, record):
+    """16 bits of 0.5 um, 33 mm, under moves of 50 mm; begun in another of its ranges than r."""
+    step = 5e-7
+    runs = [replace(r, y=step * np.round(r.y / step)) for r in record(stage)]
+    wrapped = [replace(r, y=r.y - 2**16 * step * np.round(r.y / (2**16 * step))) for r in runs]
+    wrapped[1] = replace(wrapped[1], y=wrapped[1].y + 2**16 * step)
+    kept, notes = without_turns(stage, wrapped)
+    assert all("y wraps around after 2^16 = 65536 steps of 5e-07 m" in note for note in notes)
+    assert [note.split(":")[0] for note in notes] == [r.source for r in runs]
+    assert "unwrapped, carried on by 0.032768 m" in notes[0]
+    for one, whole in zip(kept, runs, strict=True):
+        np.testing.assert_allclose(one.y, whole.y, atol=1e-9)
+    assert without_turns(stage, runs) == (runs, [])

@@ -66,6 +66,31 @@ def test_fault_is_named(stage, clean, kind, spoil):  # type: ignore[no-untyped-d
     assert [f.kind for f in found.faults] == [kind]
 
 
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda r: {"y": r.r - r.y}, ("error r - y,", "y as r minus that", "scale = -1 }] }")),
+        (lambda r: {"y": r.y - r.r}, ("error y - r,", "y as r plus that", "scale = 1 }] }")),
+    ],
+)
+@pytest.mark.parametrize("level", [0.0, 4.0])
+def test_the_following_error_is_told_from_the_position(stage, record, spoil, said, level):  # type: ignore[no-untyped-def]
+    friction = (EffectSpec("coulomb_friction", {"level": level}),) if level else ()
+    run = record(replace(stage, effects=friction))[0]
+    (fault,) = soundness(stage, [_with(run, **spoil(run))]).faults
+    assert fault.kind == "columns"
+    assert all(words in fault.mend for words in said)
+
+
+def test_a_reference_that_did_not_act_makes_no_error_of_y(stage, references):  # type: ignore[no-untyped-def]
+    """u = f - C y, y as it is: r + y would satisfy the controller's equation with r, but is no motion."""
+    rng = np.random.default_rng(5)
+    f = 0.5 * np.sin(2 * np.pi * 3.0 * stage.sample_time * np.arange(len(references[0])))
+    run = SimulatedMachine(stage).run(0.0 * references[0], f, rng)
+    (fault,) = soundness(stage, [_with(run, r=references[0])]).faults
+    assert "following error" not in fault.mend
+
+
 def test_a_controller_that_takes_its_time_is_told_from_a_late_output(stage, clean):  # type: ignore[no-untyped-def]
     late = _with(clean, u=np.concatenate([[clean.u[0]] * 2, clean.u[:-2]]))
     assert (

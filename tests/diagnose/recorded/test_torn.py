@@ -87,3 +87,15 @@ def test_a_frozen_sensor_that_trembles_is_said_beside_a_reference(stage, record)
     assert fault.kind == "frozen_sensor"
     assert f"to {whole.t[MOVING + 99]:.4g} s" in fault.where
     assert torn(stage, whole) is None
+
+
+def test_equal_jumps_within_a_window_may_be_a_counter_and_lost_samples_are_not(stage, record):
+    """A range of no power of two, or of steps that noise hides, is said and not carried on."""
+    whole = record(stage)[0]
+    (fault,) = soundness(stage, [replace(whole, y=np.mod(whole.y + 0.013, 0.03))]).faults
+    assert fault.kind == "wrapped"
+    assert "y goes back by 0.03 m each time that it jumps" in fault.where
+    assert "carry it on by 0.03 m" in fault.mend
+    lost = np.where(whole.t > whole.t[MOVING], whole.y - 0.03, whole.y)
+    (fault,) = soundness(stage, [replace(whole, y=lost)]).faults
+    assert fault.kind == "samples_missing"
