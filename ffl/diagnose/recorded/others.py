@@ -19,7 +19,7 @@ from ffl.systems.state_space import Array
 MOST = 4  # columns that are asked
 OWN = 0.95  # of a column's variance: so much of it is made of the machine's own signals, and
 MOVES = 0.9  # of that of its rate: what is slow looks like a sum of anything
-ALL = 0.9999  # of the variance of what is made of these and sums of them, or counts samples
+ALL = 0.9999  # of the variance of what is nothing else, or counts samples
 SMOOTH = (15, 61)  # samples over which noise is left out
 SPAN, ORDER = 15, 3  # samples and order of the polynomial that rates are read by
 RATES = ("rate of ", "acceleration of ")
@@ -58,17 +58,24 @@ def _counts(column: Array) -> bool:
 
 
 def _own(recording: Recording, column: Array) -> bool:
-    """Whether the `column` is made of y, u, r, f, their slopes, squares and signs, and moves as they do, or
-    of sums of these."""
+    """Whether the `column` is made of the motion (y, r, their slopes, squares and signs), of the command,
+    or of the power, and moves as they do, or of sums of these. Each by itself: all together they make the
+    force that is missing, and so whatever makes it."""
     if not np.ptp(column) > 0.0:
         return False
     y, r = recording.y, recording.r
     u = recording.u if np.all(np.isfinite(recording.u)) else recording.f
-    speed = _rate(y, 1)
-    known = [y, r, recording.f, u, speed, np.abs(speed), np.sign(speed), u**2, u * speed]
-    known += [_rate(y, 2), _rate(r, 1), _rate(r, 2), np.append(y[:1], y[:-1]), y**2]
-    known += [x for x in (recording.d, recording.y_load) if x is not None]
-    if _share(column, [*known, np.cumsum(y), np.cumsum(u)]) > ALL:
+    speed, late = _rate(y, 1), np.append(y[:1], y[:-1])
+    motion = [y, late, speed, _rate(y, 2), np.abs(speed), np.sign(speed), y**2]
+    motion += [r, _rate(r, 1), _rate(r, 2), np.cumsum(y)]
+    motion += [] if recording.y_load is None else [recording.y_load]
+    command = [u, recording.f, np.abs(u), u**2, np.append(u[:1], u[:-1]), np.cumsum(u)]
+    command += [] if recording.d is None else [recording.d]
+    return any(_made_of(column, known) for known in (motion, command, [u * speed]))
+
+
+def _made_of(column: Array, known: Sequence[Array]) -> bool:
+    if _share(column, known) > ALL:
         return True
     for span in SMOOTH:
         level = _share(_rate(column, 0, span), [_rate(x, 0, span) for x in known])
