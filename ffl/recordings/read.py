@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,11 +24,12 @@ from ffl.recordings.mapping import (
 from ffl.recordings.readers import open_table
 from ffl.recordings.recording import Array, Recording
 from ffl.recordings.sampling import examine_time, other_than_mapped
-from ffl.recordings.table import Table, split_unit
+from ffl.recordings.table import Table, as_numbers, split_unit
 from ffl.systems.plant_file import suggest
 
 NO_Y = "no column y in the mapping"
 MOST = 12  # columns beside the mapped ones that are kept
+LONG = 100_000  # samples
 
 
 def read_recording(
@@ -154,23 +156,29 @@ def _build(
     )
     if check and sample_time is not None:
         check_recording(recording, sample_time, place)
+    if any(part.columns != Columns() for part in rules.recordings):
+        return recording  # the file's other columns are those of other recordings
     used = {table.find(n) for n in names}
-    others = _others(table, [n for n in table.names if n not in used], n)
+    others = _others(table, [n for n in table.names if n not in used][: 2 * MOST], n)
     return replace(recording, others={name: x[first:stop] for name, x in others.items()})
 
 
 def _others(table: Table, names: Sequence[str], samples: int) -> dict[str, Array]:
-    """Of the columns that nothing is mapped from, the first `MOST` that are numbers, one to a sample."""
+    """Of the columns that nothing is mapped from, those that are numbers, one to a sample, `MOST` of
+    them. One that is no number costs a reading of every other: long recordings go without."""
+    try:
+        loaded = dict(table.load(names)) if names else {}
+    except InputError:
+        loaded = {}
+        for name in names if samples <= LONG else ():
+            with suppress(InputError):
+                loaded |= table.load([name])
     out: dict[str, Array] = {}
-    for name in names:
-        try:
-            values = table.numbers([name])[name]
-        except InputError:  # no numbers, or a name that stands there twice: nobody asked for it
-            continue
-        if values.shape == (samples,) and np.all(np.isfinite(values)):
-            out[split_unit(name)[0]] = values
-        if len(out) == MOST:
-            break
+    for name, values in loaded.items():
+        with suppress(InputError):  # nobody asked for it
+            column = as_numbers(values, name, table.source)
+            if column.shape == (samples,) and np.all(np.isfinite(column)) and len(out) < MOST:
+                out[split_unit(name)[0]] = column
     return out
 
 
