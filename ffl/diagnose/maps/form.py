@@ -14,7 +14,7 @@ from ffl.systems.state_space import Array
 
 @dataclass(frozen=True)
 class Ranked:
-    """A map by name, where it would enter, and the log-evidence it has to first order."""
+    """A map by name, where it would enter, and the log-evidence it has."""
 
     name: str
     port: str

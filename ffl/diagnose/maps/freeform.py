@@ -157,7 +157,8 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         no_worse(done, current),
         key=lambda f: (drives_itself(f), len(f.parts[-1].term.variables), -score_of(f, current)),
     )
-    listed = tuple(Ranked(e.part.term.name, e.part.place.words, e.evidence.gain) for e in found[0])
+    seen = [e for e in worth if e.view.along is None]
+    listed = _listed(found[0], seen, [*tried, *ended], current)
     rivals = tuple(f.parts[-1] for f in done if alike(f, best))
     return replace(
         _quieter(best),
@@ -165,6 +166,21 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         untold=hardly_told(current, best),
         alike=rivals,
     )
+
+
+def _listed(
+    entries: Sequence[Entry], tried: Sequence[Entry], ended: Sequence[FreeForm], before: FreeForm
+) -> tuple[Ranked, ...]:
+    """Every map with its evidence: to first order, and of those that were fitted no more than they took
+    off."""
+    out = []
+    for e in entries:
+        gain = e.evidence.gain
+        if e in tried:
+            took = [0.5 * (before.cost - f.cost) for f in ended if f.parts[-1].same(e.part)]
+            gain = max(min(gain, max(took, default=0.0)), 0.0)
+        out.append(Ranked(e.part.term.name, e.part.place.words, gain))
+    return tuple(sorted(out, key=lambda r: -r.evidence))
 
 
 def _tried(

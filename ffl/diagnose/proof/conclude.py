@@ -50,6 +50,7 @@ LOGGED = (
 )
 STRAIGHT = 1e-6  # of a formula's largest value: what is off by less is a proportion
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
+HARDLY = 0.8  # of the nrmse: a map that leaves more takes hardly anything off
 UNDONE = 0.3  # of a force by speed: what is left of it beside a damping that undoes it, at most
 
 
@@ -201,12 +202,16 @@ def _proved(
         return proof, []
     begun = with_starts(judging, Running(maps))  # the start too was another's, who stands no more
     proof = with_map(proof, with_warmth(begun, maps), maps)
-    share = (proof.nrmse_with_map or 0.0) / max(proof.noise_floor, 1e-300)
+    left = proof.nrmse_with_map or 0.0
+    share = left / max(proof.noise_floor, 1e-300)
     if share <= BEYOND:
         return proof, []
-    return proof, [
-        f"the map leaves {share:.2g} times what noise alone would: it is not the whole of it"
-    ]
+    notes = [f"the map leaves {share:.2g} times what noise alone would: it is not the whole of it"]
+    if left > HARDLY * proof.nrmse_after:
+        notes.append(
+            "it takes hardly anything off: where it acts, and by what, is no more than a guess"
+        )
+    return proof, notes
 
 
 def _corrections(stands: Stands, said: Said) -> tuple[ModelCorrection, ...]:
