@@ -10,8 +10,8 @@ are
 
 It is of another machine where a and c are noise, b is far more, and the numbers are surely and clearly
 others. (A sister of 9.6 kg and 11 N among recordings of 7 kg and 4 N: 1.04, 9,516 and 1.01; of a guide
-that warms up none has a or c below 40.) Physics that the model leaves out shows elsewhere in its range
-too, so nothing is said where that one was elsewhere, or moved otherwise.
+that warms up, beside dry friction, none has a or c below 48.) Physics that the model leaves out shows
+elsewhere in its range too, so nothing is said where that one was elsewhere, or moved otherwise.
 """
 
 from __future__ import annotations
@@ -36,9 +36,7 @@ from ffl.recordings import Recording
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
-LOUD = (
-    4.0  # times the stated noise, in the mean square: what is left of some recording must be more
-)
+LOUD = 4.0  # times the stated noise, in the mean square: more must be left of some recording
 NOISE = 2.25  # times what the others leave, or each of them by itself: at most, in the mean square
 APART = 16.0  # times it: what the others' numbers leave of the odd one, at least
 LONGEST = 20_000  # samples looked at
