@@ -24,6 +24,7 @@ from ffl.diagnose.ground import BLIND, LONG, Comparison, Ground, ground_of
 from ffl.diagnose.hypothesis.harmonics import without_faint
 from ffl.diagnose.noise.heard import with_modes_heard
 from ffl.diagnose.noise.noise import SLOWEST
+from ffl.diagnose.other_machine import of_another_machine
 from ffl.diagnose.predict.dry_in_noise import with_dry_friction
 from ffl.diagnose.predict.freely import with_free_runs
 from ffl.diagnose.predict.loose_head import with_loose_head
@@ -210,6 +211,8 @@ def _named(
             standing, held = _on_all_samples(ground, standing, held)
         standing, outcome = _looked_at_again(held, standing, outcome)
     if stated.controller is None and (fault := off_clock(ground, standing, say)):
+        return faulty(stated, replace(health, faults=(fault,)))
+    if fault := of_another_machine(ground, standing, say):
         return faulty(stated, replace(health, faults=(fault,)))
     held = with_starts(held.like(standing.scene), standing.model)
     nominal, own = ground.nominal, held.trials

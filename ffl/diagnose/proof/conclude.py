@@ -335,7 +335,8 @@ def _ended(model: Plant, health: sound.Soundness, where_: str, component: str, a
 
 def faulty(model: Plant, health: sound.Soundness) -> Diagnosis:
     fault = health.faults[0]
-    component = {"controller": "controller", "shift": "timing"}.get(fault.kind, "sensor")
+    components = {"controller": "controller", "shift": "timing", "machine": "plant"}
+    component = components.get(fault.kind, "sensor")
     return _ended(
         model,
         health,
