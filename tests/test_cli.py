@@ -237,7 +237,7 @@ def test_a_run_that_cannot_be_completed_is_exit_1(write_campaign, tmp_path, capf
     assert {run["status"] for run in results["runs"]} == {"diverged"}
 
 
-@pytest.mark.slow(20)
+@pytest.mark.slow(10)
 def test_run_report_export_inspect_rerun(write_campaign, tmp_path, capfd, monkeypatch, refuse):
     """The page of `--resume` and that of `report` are the same; of the others none is read, so they are
     written without their pictures."""

@@ -171,7 +171,7 @@ def test_a_play_by_itself_gets_no_company(plant):  # noqa: F811
     assert accompanied(settled(begun, scene, levels), scene).found.model.names == ("backlash",)
 
 
-@pytest.mark.slow(20)
+@pytest.mark.slow(10)
 def test_a_gain_by_position_joins_a_play(plant):  # noqa: F811
     gain = EffectSpec(
         "position_dependent_gain",
