@@ -80,6 +80,12 @@ def write_campaign(tmp_path):
     return write
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages are written whole but for the pictures, which take seconds: for tests that read none."""
+    monkeypatch.setattr("ffl.report.page.image_source", lambda figure: "data:,")
+
+
 def pytest_collection_modifyitems(items):
     """Modules in the order of the seconds that their `slow` tests state: processes that share out modules
     wait for one another at the end, where a long one should not begin."""

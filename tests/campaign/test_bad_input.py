@@ -210,6 +210,7 @@ def test_outputs_and_numbers_that_cannot_be(arguments, says, said, tmp_path):
     assert says in said(*arguments)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_report_does_not_write_below_a_file(write_campaign, said, tmp_path):
     run_campaign(load_campaign(write_campaign(trials=1)), tmp_path / "done")
     assert "is a file; give a folder" in said("report", "done", "--out", "model.toml/x.html")

@@ -41,6 +41,7 @@ def test_another_file_is_not_lost(done, tmp_path, capfd):
             refused(capfd, path, "export", "done", "--run", "fir", "--format", kind, "--out", path)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_earlier_output_of_the_same_command_is_replaced(done, tmp_path, capfd):
     for kind in FORMATS:
         out = tmp_path / f"out.{kind}"
@@ -58,6 +59,7 @@ def test_an_earlier_output_of_the_same_command_is_replaced(done, tmp_path, capfd
         assert execute(["report", "done", "--out", "page.html"]) == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_comparison_says_where_it_went(done, write_campaign, tmp_path, capfd):
     run_campaign(load_campaign(write_campaign(trials=2)), tmp_path / "again")
     assert execute(["report", "done", "again"]) == 0

@@ -182,6 +182,7 @@ ORACLE = {
             drive=lambda u, x, z: z[0],
             drive_rate=lambda u, z: [min(max(1e6 * (u - z[0]), -400.0), 400.0)],
             states=1,
+            method="LSODA",
         ),
         1e-3,
     ),

@@ -1,8 +1,8 @@
 """An independent simulation for the tests: a rigid mass, continuous in time, adaptive Runge-Kutta.
 
 Nothing of `ffl.machines` or `ffl.effects` is used. Between samples the command is held; smooth
-forces and internal states are integrated by DOP853 to 1e-11, dry friction switches at located
-events of the velocity. The controller runs once per sample.
+forces and internal states are integrated by DOP853 to 1e-11 (stiff ones by LSODA), dry friction
+switches at located events of the velocity. The controller runs once per sample.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ class Case:
     states: int = 0
     split: float = 0.0  # fraction of the sample after which the command of `late` samples ago ends
     late: int = 0
+    method: str = "DOP853"
 
 
 def run(case: Case, reference: np.ndarray, closed: bool = True) -> np.ndarray:
@@ -120,7 +121,7 @@ def _advance(case, command, span, state, stuck, memory):
 
             events = turns
         solution = solve_ivp(
-            slope, (t, end), state, method="DOP853", rtol=1e-11, atol=1e-15, events=events
+            slope, (t, end), state, method=case.method, rtol=1e-11, atol=1e-15, events=events
         )
         assert solution.success
         if direction is None and case.turn is not None:

@@ -171,14 +171,14 @@ def test_a_play_by_itself_gets_no_company(plant):  # noqa: F811
     assert accompanied(settled(begun, scene, levels), scene).found.model.names == ("backlash",)
 
 
-@pytest.mark.slow(20)
+@pytest.mark.slow(10)
 def test_a_gain_by_position_joins_a_play(plant):  # noqa: F811
     gain = EffectSpec(
         "position_dependent_gain",
         {"linear_coefficient": 3.0, "quadratic_coefficient": 0.0, "centre": 0.02},
     )
     assert able(gain)
-    scene, model = scene_of(plant, recorded(plant, PLAY, gain))
+    scene, model = scene_of(plant, recorded(plant, PLAY, gain)[:1])
     scene = replace(scene, noise=partly_coloured(NOISE))
     begun, levels = started(scene, model, (), (), LOOSENESS, 2)
     assert begun is not None
