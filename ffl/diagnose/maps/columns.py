@@ -27,6 +27,12 @@ DRIVERS: tuple[tuple[str, str, str, tuple[str, ...], Driver | None], ...] = (
 )
 
 
+def _read(m: Motion, name: str, grid: Array) -> Array:
+    """The column along the motion; in an experiment that nobody has run yet, the middle of what it was."""
+    known = m.others.get(name)
+    return np.full(len(m.t), 0.5 * (grid[0] + grid[-1])) if known is None else known
+
+
 @lru_cache
 def terms_by(name: str) -> tuple[Term, ...]:
     """The maps over the column `name`: a force, what goes with the velocity, the direction, the
@@ -46,11 +52,12 @@ def terms_by(name: str) -> tuple[Term, ...]:
 
     def term(port: str, said: str, title: str, variables: tuple[str, ...], driver: Driver | None):  # type: ignore[no-untyped-def]
         def columns(m: Motion, ranges: Ranges) -> Array:
-            table = hats(m.others[name], grid(ranges))
+            at = grid(ranges)
+            table = hats(_read(m, name, at), at)
             return table if driver is None else table * driver(m)[:, None]
 
         def along(m: Motion, at: Array, values: Array) -> Array:
-            read = interpolated(m.others[name], at, values)
+            read = interpolated(_read(m, name, at), at, values)
             return read if driver is None else driver(m) * read
 
         return Term(

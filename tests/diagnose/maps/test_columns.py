@@ -9,10 +9,12 @@ import pytest
 
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
+from ffl.diagnose.maps.columns import terms_by
 from ffl.diagnose.maps.freeform import free_form
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.others import with_others
 from ffl.diagnose.recorded.trials import prepare
+from ffl.effects import Motion
 from ffl.recordings import Recording, read_recording
 
 STEP, MASS, FREQUENCY, DAMPING = 1e-3, 2.0, 25.0, 0.2
@@ -94,6 +96,15 @@ def test_a_grease_that_warms_is_told_by_the_temperature_that_was_recorded(spring
     assert [part.term.name for part in found.parts] == ["velocity by T"]
     assert set(found.variables) == {"velocity", "column T"}
     assert left < 0.1
+
+
+def test_an_experiment_that_nobody_has_run_has_the_column_in_its_middle():
+    still = Motion.still(0.1, STEP)
+    ranges = {"T": (1.0, 5.0), "step": (STEP, 3.0)}
+    by_warmth = terms_by("T")[0]
+    values = np.linspace(0.0, 8.0, 9)
+    assert np.allclose(by_warmth.signal(still, ranges, values), 4.0)
+    assert np.allclose(by_warmth.columns(still, ranges) @ values, 4.0)
 
 
 def test_a_column_that_drives_nothing_is_not_told(spring):  # type: ignore[no-untyped-def]
