@@ -23,6 +23,7 @@ ALL = 0.9999  # of the variance of what is nothing else, or counts samples
 SMOOTH = (15, 61)  # samples over which noise is left out
 SPAN, ORDER = 15, 3  # samples and order of the polynomial that rates are read by
 RATES = ("rate of ", "acceleration of ")
+TAKEN = ("x", "v", "a", "u", "t", "step")  # what maps call the machine's own signals
 
 
 def with_others(
@@ -36,20 +37,26 @@ def with_others(
     able = [n for n in able if any(np.ptp(r.others[n]) > 0.0 for r in recordings)]
     able = [n for n in able if not all(_counts(r.others[n]) for r in recordings)]
     able = [n for n in able if not any(_own(r, r.others[n]) for r in recordings)][:MOST]
-    return [replace(r, others=_with_rates(r, able)) for r in recordings], tuple(able)
+    return [replace(r, others=_with_rates(r, able)) for r in recordings], tuple(map(_called, able))
 
 
 def _with_rates(recording: Recording, names: Sequence[str]) -> dict[str, Array]:
     out: dict[str, Array] = {}
     for name in names:
-        out[name] = x = recording.others[name]
+        called, x = _called(name), recording.others[name]
+        out[called] = x
         if len(x) <= SPAN or len(np.unique(x)) <= 2:  # a switch has no rate
             continue
         for k, rate in enumerate(RATES, 1):
-            out[rate + name] = scipy.signal.savgol_filter(
+            out[rate + called] = scipy.signal.savgol_filter(
                 x, SPAN, ORDER, deriv=k, delta=recording.sample_time
             )
     return out
+
+
+def _called(name: str) -> str:
+    """The name of a column, which is none of the machine's own signals."""
+    return f"{name} column" if name in TAKEN else name
 
 
 def _counts(column: Array) -> bool:

@@ -11,6 +11,8 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.maps.columns import terms_by
 from ffl.diagnose.maps.freeform import free_form
+from ffl.diagnose.maps.grids import ranges_of
+from ffl.diagnose.maps.terms import variable
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.others import with_others
 from ffl.diagnose.recorded.trials import prepare
@@ -123,6 +125,16 @@ def test_columns_that_are_not_in_every_recording_are_not_asked():
     assert set(with_others(runs[:1])[0][0].others) == {
         "q2", "rate of q2", "acceleration of q2",
     }  # fmt: skip
+
+
+def test_a_column_is_not_taken_for_a_signal_of_the_machine():
+    """Another axis may be called x: maps of the position do not read it."""
+    runs, names = with_others([recorded(0, {"x": other_axis(0)[0]})])
+    assert names == ("x column",)
+    motion = replace(Motion.still(0.1, STEP), others={k: v[:2] for k, v in runs[0].others.items()})
+    own = ranges_of([motion])
+    assert own["x"] == (0.1, 0.1)
+    assert np.all(variable(motion, "x") == 0.1)
 
 
 def test_a_switch_has_no_rate():
