@@ -7,30 +7,22 @@ from functools import lru_cache
 
 import numpy as np
 
-from ffl.diagnose.maps.grids import hats, interpolated
-from ffl.diagnose.maps.histories import Ranges
-from ffl.diagnose.maps.terms import Term
+from ffl.diagnose.maps.grids import even
+from ffl.diagnose.maps.terms import Term, command, direction, gridded, one
 from ffl.diagnose.recorded.others import RATES
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
 
 LEVELS = 9
-Driver = Callable[[Motion], Array]
-DRIVERS: tuple[tuple[str, str, str, tuple[str, ...], Driver | None], ...] = (
-    # port, driver in words, name before "by NAME", variables beside the column's, driver
-    ("force", "", "force", (), None),
-    ("force", "velocity", "velocity", ("velocity",), lambda m: m.v),
-    ("force", "sign(velocity)", "direction", ("direction",), lambda m: m.direction),
-    ("force", "acceleration", "acceleration", ("acceleration",), lambda m: m.a),
-    ("command", "command", "command", ("command",), lambda m: m.u),
-    ("output", "", "sensor", (), None),
+DRIVERS: tuple[tuple[str, str, str, tuple[str, ...], Callable[[Motion], Array | float]], ...] = (
+    # name before "by NAME", port, driver in words, variables beside the column's, driver
+    ("force", "force", "", (), one),
+    ("velocity", "force", "velocity", ("velocity",), lambda m: m.v),
+    ("direction", "force", "sign(velocity)", ("direction",), direction),
+    ("acceleration", "force", "acceleration", ("acceleration",), lambda m: m.a),
+    ("command", "command", "command", ("command",), command),
+    ("sensor", "output", "", (), one),
 )
-
-
-def _read(m: Motion, name: str, grid: Array) -> Array:
-    """The column along the motion; in an experiment that nobody has run yet, the middle of what it was."""
-    known = m.others.get(name)
-    return np.full(len(m.t), 0.5 * (grid[0] + grid[-1])) if known is None else known
 
 
 @lru_cache
@@ -46,23 +38,10 @@ def terms_by(name: str) -> tuple[Term, ...]:
             lambda m, ranges: m.others.get(name, np.zeros(len(m.t)))[:, None], None, column=name,
         )  # fmt: skip
         return (straight,)
-
-    def grid(ranges: Ranges) -> Array:
-        return np.linspace(*ranges[name], LEVELS)
-
-    def term(port: str, said: str, title: str, variables: tuple[str, ...], driver: Driver | None):  # type: ignore[no-untyped-def]
-        def columns(m: Motion, ranges: Ranges) -> Array:
-            at = grid(ranges)
-            table = hats(_read(m, name, at), at)
-            return table if driver is None else table * driver(m)[:, None]
-
-        def along(m: Motion, at: Array, values: Array) -> Array:
-            read = interpolated(_read(m, name, at), at, values)
-            return read if driver is None else driver(m) * read
-
-        return Term(
-            f"{title} by {name}", port, (*variables, column), said, name, columns, grid,
-            along_grid=along, column=name,
-        )  # fmt: skip
-
-    return tuple(term(*row) for row in DRIVERS)
+    return tuple(
+        gridded(
+            f"{title} by {name}", port, (*variables, column), said, driver, name,
+            even(name, LEVELS), column=name,
+        )
+        for title, port, said, variables, driver in DRIVERS
+    )  # fmt: skip

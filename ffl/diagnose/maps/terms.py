@@ -133,18 +133,26 @@ def variable(m: Motion, signal: str) -> Array:
     return m.t - m.t.min() if signal == "t" else getattr(m, signal)  # type: ignore[no-any-return]
 
 
+def _over(m: Motion, signal: str, grid: Array) -> Array:
+    """`variable`; a column in an experiment that nobody has run yet is in the middle of what it was."""
+    if signal in m.others or hasattr(m, signal):
+        return variable(m, signal)
+    return np.full(len(m.t), 0.5 * (grid[0] + grid[-1]))
+
+
 def _map(driver: Callable[[Motion], Array | float], signal: str, grid: Callable[[Ranges], Array]):  # type: ignore[no-untyped-def]
     def columns(m: Motion, ranges: Ranges) -> Array:
-        value = variable(m, signal)
+        at = grid(ranges)
+        value = _over(m, signal, at)
         weight = np.broadcast_to(np.asarray(driver(m), float), value.shape)
-        return hats(value, grid(ranges)) * weight[:, None]
+        return hats(value, at) * weight[:, None]
 
     return columns
 
 
 def _driven(driver: Callable[[Motion], Array | float], signal: str):  # type: ignore[no-untyped-def]
     def along(m: Motion, grid: Array, values: Array) -> Array:
-        return driver(m) * interpolated(variable(m, signal), grid, values)
+        return driver(m) * interpolated(_over(m, signal, grid), grid, values)
 
     return along
 
@@ -207,15 +215,15 @@ def _heard(m: Motion) -> Array:
     return np.append(m.u[:1], m.u[:-1])
 
 
-def _one(m: Motion) -> float:
+def one(m: Motion) -> float:
     return 1.0
 
 
-def _direction(m: Motion) -> Array:
+def direction(m: Motion) -> Array:
     return m.direction
 
 
-def _gridded(
+def gridded(
     name: str,
     port: str,
     variables: tuple[str, ...],
@@ -224,6 +232,7 @@ def _gridded(
     along: str,
     grid: Callable[[Ranges], Array],
     kind: int | None = None,
+    column: str = "",
 ) -> Term:
     signal = SIGNALS.get(along, along)
     return Term(
@@ -236,6 +245,7 @@ def _gridded(
         grid,
         along_grid=_driven(driver, signal),
         kind=kind,
+        column=column,
     )
 
 
@@ -259,7 +269,7 @@ def _of_history(
     )
 
 
-def _command(m: Motion) -> Array:
+def command(m: Motion) -> Array:
     return m.u
 
 
@@ -273,21 +283,21 @@ SIGNALS = {
 POSITION, VELOCITY, COMMAND = ("position",), ("velocity",), ("command",)
 HEAT = ("command", "history", "time")
 TERMS: tuple[Term, ...] = (
-    _gridded("position", "force", POSITION, "", _one, "position", _positions, BY_POSITION),
-    _gridded("velocity", "force", VELOCITY, "", _one, "velocity", velocities, BY_VELOCITY),
-    _gridded(
-        "direction by position", "force", ("position", "direction"), "sign(velocity)", _direction,
+    gridded("position", "force", POSITION, "", one, "position", _positions, BY_POSITION),
+    gridded("velocity", "force", VELOCITY, "", one, "velocity", velocities, BY_VELOCITY),
+    gridded(
+        "direction by position", "force", ("position", "direction"), "sign(velocity)", direction,
         "position", _positions, DRY,
     ),
-    _gridded(
+    gridded(
         "velocity by position", "force", ("position", "velocity"), "velocity", lambda m: m.v,
         "position", _few, DAMPING,
     ),
-    _gridded(
+    gridded(
         "upward velocity by position", "force", ("position", "velocity", "direction"),
         "max(0, velocity)", lambda m: np.maximum(m.v, 0.0), "position", _few, DAMPING_UP,
     ),
-    _gridded(
+    gridded(
         "downward velocity by position", "force", ("position", "velocity", "direction"),
         "min(0, velocity)", lambda m: np.minimum(m.v, 0.0), "position", _few, DAMPING_DOWN,
     ),
@@ -300,27 +310,27 @@ TERMS: tuple[Term, ...] = (
         "sign(velocity)", "|command|", _load, None,
         kind=DRY_BY_COMMAND, levels=_largest,
     ),
-    _gridded(
+    gridded(
         "direction by acceleration", "force", ("acceleration", "direction"), "sign(velocity)",
-        _direction, "acceleration", accelerations, DRY_BY_ACCELERATION,
+        direction, "acceleration", accelerations, DRY_BY_ACCELERATION,
     ),
-    _gridded(
+    gridded(
         "inertia by speed", "force", ("velocity", "acceleration"), "acceleration",
         lambda m: m.a, "velocity", velocities, INERTIA_BY_SPEED,
     ),
-    _gridded(
+    gridded(
         "pull by position", "force", ("command", "position"), "command^2",
         lambda m: m.u**2, "position", _positions, PULL,
     ),
-    _gridded(
-        "direction by time", "force", ("time", "direction"), "sign(velocity)", _direction,
+    gridded(
+        "direction by time", "force", ("time", "direction"), "sign(velocity)", direction,
         "time", moments,
     ),
     _of_history("history of position", "force", ("history", "position"), "", "faded position", faded),
     _of_history("heat of the command", "force", HEAT, "", "heat", heat),
-    _gridded("command", "command", COMMAND, "", _one, "command", _commands, BY_COMMAND),
-    _gridded(
-        "command by position", "command", ("command", "position"), "command", _command,
+    gridded("command", "command", COMMAND, "", one, "command", _commands, BY_COMMAND),
+    gridded(
+        "command by position", "command", ("command", "position"), "command", command,
         "position", _positions, GAIN,
     ),
     Term(
@@ -331,16 +341,16 @@ TERMS: tuple[Term, ...] = (
         "limit by speed", "command", ("command", "velocity"), "sign(command)",
         "|command| and speed", _limited, None, side="sent",
     ),
-    _gridded(
-        "command by time", "command", ("time", "command"), "command", _command, "time", moments,
+    gridded(
+        "command by time", "command", ("time", "command"), "command", command, "time", moments,
     ),
     _of_history("command by its heat", "command", HEAT, "command", "heat", hot_gain),
     Term(
         "position at the sensor", "output", POSITION, "", "position",
         _scale, _positions, along_grid=_scale_along, kind=SHOWN_POSITION,
     ),
-    _gridded(
-        "velocity at the sensor", "output", VELOCITY, "", _one,
+    gridded(
+        "velocity at the sensor", "output", VELOCITY, "", one,
         "velocity", velocities, SHOWN_VELOCITY,
     ),
     Term(
