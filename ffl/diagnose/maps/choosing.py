@@ -116,3 +116,9 @@ def drives_itself(f: FreeForm) -> bool:
     """With less than no damping: of maps that do as much the others come first. (A force by position
     beside -1.4 times the stated damping stood for an amplifier weaker one way.)"""
     return f.free.model.corrections.get("damping", 0.0) < -1.0
+
+
+def taken_up(f: FreeForm) -> bool:
+    """A mass that is another as time goes on. Where nothing but the mass takes force, it and a gain that is
+    another are one; gains fade more often, so of maps that do as much the others come first."""
+    return f.parts[-1].term.name == "inertia by time"

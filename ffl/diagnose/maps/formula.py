@@ -2,38 +2,25 @@
 
 To first order the data see a map only through R c = Q'target (the triangle of its whitened traces), so
 a shape s(z) on the map's grid costs |q - R s b|^2, exactly what it would cost on the recordings, and
-hundreds of shapes are tried in milliseconds. Terms are added while each brings more than its numbers
-cost; the inner numbers (a centre, a width, a period) are then refined together.
+hundreds of shapes are tried in milliseconds (`composed`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
 
 from ffl.diagnose.hypothesis.triangle import lengths, triangle
+from ffl.diagnose.maps.composed import Map, columns_of, composed
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, Part, held_motion, tables_of
+from ffl.diagnose.maps.shapes import STRAIGHT, Shape, library, one, wave
 from ffl.systems.state_space import Array
 
-MOST = 3  # terms of a formula
 STRAIGHTER = 0.1  # of a map of the command: what beside its formula goes in proportion to that
-PER_NUMBER = 8.0  # sum of squares that one more number must take off
 KNOTS = 4.0  # of a map to a period: a faster wave is what lies between them
 UNEVEN = "velocity"  # what maps have knots of that lie close about zero
-CANCELS = 30.0  # times the largest sum: terms so large say nothing
-SHARE = 0.01  # of what the map itself takes off, that one more term must take off
-
-
-@dataclass(frozen=True)
-class Shape:
-    """s(z; inner): `columns` (k, m) over the grid; `text` with {z} and the inner numbers."""
-
-    text: str
-    columns: Callable[..., Array]
-    inner: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -47,56 +34,6 @@ class Formula:
     values: Array | None
     share: float
     pushes: float = 0.0
-
-
-def _one(z: Array) -> Array:
-    return np.ones_like(z)
-
-
-def _ramp(z: Array, c: float) -> Array:
-    return np.maximum(0.0, z - c)
-
-
-def _fall(z: Array, c: float) -> Array:
-    return np.maximum(0.0, c - z)
-
-
-def _bump(z: Array, c: float, w: float) -> Array:
-    return np.exp(-0.5 * ((z - c) / w) ** 2)
-
-
-def _brake(z: Array, w: float) -> Array:
-    return z / (1.0 + (z / w) ** 2)
-
-
-def _wave(z: Array, p: float) -> Array:
-    return np.column_stack([np.sin(2 * np.pi * z / p), np.cos(2 * np.pi * z / p)])
-
-
-STRAIGHT = Shape("{z}", lambda z: z)
-
-
-def library(low: float, high: float, signed: bool, finest: float = 0.0) -> Iterator[Shape]:
-    """Shapes over low..high; `signed` variables may switch at zero. `finest`: least period of a wave."""
-    extent = high - low
-    yield Shape("", _one)
-    yield STRAIGHT
-    yield Shape("{z}^2", lambda z: z**2)
-    yield Shape("{z}^3", lambda z: z**3)
-    if signed:
-        yield Shape("|{z}|", np.abs)
-        yield Shape("sign({z})", np.sign)
-        yield Shape("{z} |{z}|", lambda z: z * np.abs(z))
-        for w in np.geomspace(0.01, 1.0, 12) * 0.5 * extent:
-            yield Shape("{z}/(1 + ({z}/{0})^2)", _brake, (w,))
-            yield Shape("tanh({z}/{0})", lambda z, w: np.tanh(z / w), (w,))
-    for c in np.linspace(low, high, 31)[1:-1]:
-        yield Shape("max(0, {z} - {0})", _ramp, (c,))
-        yield Shape("max(0, {0} - {z})", _fall, (c,))
-        for w in np.geomspace(0.02, 0.3, 6) * extent:
-            yield Shape("exp(-(({z} - {0})/{1})^2/2)", _bump, (c, w))
-    for p in [p for p in extent / np.geomspace(0.7, 12.0, 60) if p > finest]:
-        yield Shape("sin(2 pi {z}/{0} + {phase})", _wave, (p,))
 
 
 def formula(
@@ -132,44 +69,34 @@ def _of_map(
 ) -> Formula | None:
     assert part.term.grid is not None
     z = part.term.grid(part.ranges)
-    shapes: list[Shape] = []
     cost = float(q @ q)
     signed = part.term.along not in ("position", "time")
     finest = KNOTS * float(np.diff(z).max()) if part.term.along != UNEVEN else 0.0
-    pool = list(library(float(z[0]), float(z[-1]), signed, finest))
-    while len(shapes) < MOST:
-        trials = [_cost([*shapes, s], z, r, q) + PER_NUMBER * _numbers(s) for s in pool]
-        k = int(np.argmin(trials))
-        if trials[k] > cost - SHARE * best:
-            break
-        more = _refined([*shapes, pool[k]], z, r, q)
-        if _cancel(more, z, r, q):
-            break
-        shapes, cost = more, _cost(more, z, r, q)
+    pool = library(float(z[0]), float(z[-1]), signed, finest, part.term.along == "time")
+    shapes = composed(list(pool), Map(z, r, q), best)
     if not shapes:
         return None
-    table = _columns(shapes, z)
+    table = columns_of(shapes, z)
     weights = np.linalg.lstsq(r @ table, q, rcond=1e-10)[0]
+    left = float(np.sum((q - r @ table @ weights) ** 2))
     slope = _proportional(part, z, table @ weights, r) if whole else 0.0
     if slope:
         shapes, weights = [*shapes, STRAIGHT], np.append(weights, slope)
-        table = _columns(shapes, z)
+        table = columns_of(shapes, z)
     return Formula(
         _text(part, shapes, weights * scale), z, table @ weights * scale,
-        min(1.0, (float(q @ q) - cost) / best) if best > 0 else 0.0,
+        min(1.0, (cost - left) / best) if best > 0 else 0.0,
         _by_speed(part, shapes, weights * scale),
     )  # fmt: skip
 
 
 def _by_speed(part: Part, shapes: Sequence[Shape], weights: Array) -> float:
     """Weight of what is a force in proportion to the speed alone: a number of the linear model's own."""
-    ways = {("position", "velocity"): _one, ("velocity", ""): STRAIGHT.columns}
+    ways = {("position", "velocity"): one, ("velocity", ""): STRAIGHT.columns}
     own = ways.get((part.term.along, part.term.driver or ""))
     if own is None or part.place.port != "force":
         return 0.0
-    each = np.repeat(
-        [s.columns is own for s in shapes], [2 if s.columns is _wave else 1 for s in shapes]
-    )
+    each = np.repeat([s.columns is own for s in shapes], [s.weights for s in shapes])
     return float(weights[each].sum())
 
 
@@ -187,64 +114,12 @@ def _proportional(part: Part, z: Array, formula: Array, r: Array) -> float:
     return float(slope) if large else 0.0
 
 
-def _cancel(shapes: Sequence[Shape], z: Array, r: Array, q: Array) -> bool:
-    """Whether the terms are much larger than their sum: two that undo one another draw what lies between
-    them. (1.163e7 N m of sign and as much of tanh over a sample's speed.)"""
-    table = _columns(shapes, z)
-    terms = table * np.linalg.lstsq(r @ table, q, rcond=1e-10)[0]
-    return bool(np.abs(terms).max() > CANCELS * np.abs(terms.sum(axis=1)).max())
-
-
-def _numbers(shape: Shape) -> int:
-    return len(shape.inner) + (2 if shape.columns is _wave else 1)
-
-
-def _columns(shapes: Sequence[Shape], z: Array) -> Array:
-    return np.column_stack([s.columns(z, *s.inner) for s in shapes])
-
-
-def _cost(shapes: Sequence[Shape], z: Array, r: Array, q: Array) -> float:
-    with np.errstate(all="ignore"):  # a shape whose width has come to nothing
-        columns = _columns(shapes, z)
-    if not np.all(np.isfinite(columns)):
-        return 1e300
-    table = r @ columns
-    weights = np.linalg.lstsq(table, q, rcond=1e-10)[0]
-    return float(np.sum((q - table @ weights) ** 2))
-
-
-def _refined(shapes: list[Shape], z: Array, r: Array, q: Array) -> list[Shape]:
-    """The inner numbers of all shapes together, by a simplex from where they are."""
-    counts = [len(s.inner) for s in shapes]
-    start = np.array([v for s in shapes for v in s.inner])
-    if not len(start):
-        return shapes
-    span = float(z[-1] - z[0])
-
-    def at(p: Array) -> list[Shape]:
-        pieces = np.split(p, np.cumsum(counts)[:-1])
-        return [
-            Shape(s.text, s.columns, tuple(map(float, own)))
-            for s, own in zip(shapes, pieces, strict=True)
-        ]
-
-    def cost(p: Array) -> float:
-        return _cost(at(p), z, r, q) if np.all(np.abs(p) < 10 * span + np.abs(z).max()) else 1e300
-
-    simplex = np.vstack([start, start + 0.02 * span * np.eye(len(start))])
-    found = scipy.optimize.minimize(
-        cost, start, method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxfev": 60 * len(start) + 60},
-    )  # fmt: skip
-    return at(found.x) if found.fun < cost(start) else shapes
-
-
 def _text(part: Part, shapes: Sequence[Shape], weights: Array) -> str:
     pieces, at = [], 0
     driver = f"{part.term.driver} " if part.term.driver else ""
     for shape in shapes:
         inner = [f"{v:.4g}" for v in shape.inner]
-        if shape.columns is _wave:
+        if shape.columns is wave:
             a, b = weights[at : at + 2]
             at += 2
             body = shape.text.format(*inner, z=part.term.along, phase=f"{np.arctan2(b, a):.3g}")

@@ -28,6 +28,7 @@ from ffl.diagnose.maps.choosing import (
     no_worse,
     not_far,
     score_of,
+    taken_up,
 )
 from ffl.diagnose.maps.form import FreeForm, Ranked
 from ffl.diagnose.maps.freemodel import SENT, FreeModel, FreeScreen, Part, Running
@@ -155,7 +156,12 @@ def _one_more(current: FreeForm, held: Scene | None, names: Sequence[str]) -> Fr
         return None
     best = min(
         no_worse(done, current),
-        key=lambda f: (drives_itself(f), len(f.parts[-1].term.variables), -score_of(f, current)),
+        key=lambda f: (
+            drives_itself(f),
+            taken_up(f),
+            len(f.parts[-1].term.variables),
+            -score_of(f, current),
+        ),
     )
     seen = [e for e in worth if e.view.along is None]
     listed = _listed(found[0], seen, [*tried, *ended], current)

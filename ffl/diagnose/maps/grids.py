@@ -10,7 +10,7 @@ from ffl.diagnose.maps.histories import Ranges
 from ffl.effects import Motion
 from ffl.systems.state_space import Array
 
-MOMENTS = 9  # knots of a map of the time: slower than what moves
+MOMENTS = 25  # knots of a map of the time: slower than what moves
 RARE = 0.001  # of the samples, that one side of the accelerations may lie beyond their grid
 
 

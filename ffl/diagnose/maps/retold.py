@@ -27,7 +27,8 @@ ALIKE = 1.05  # times the squares: what the same machine told otherwise may leav
 GAINS_BY = ("position", "speed", "time")
 # Maps that are a damper or a spring where they are straight, and the model's own numbers of that kind.
 STRAIGHT = {"velocity": "damping", "position": "stiffness"}
-EVEN = {"inertia by speed": "mass", "inertia by position": "mass"}  # and where they are even
+# And where they are even.
+EVEN = {f"inertia by {variable}": "mass" for variable in ("speed", "position", "time")}
 
 
 def from_there(like: FreeForm, free: FreeModel) -> FreeForm | None:

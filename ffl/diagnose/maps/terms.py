@@ -326,6 +326,10 @@ TERMS: tuple[Term, ...] = (
         "direction by time", "force", ("time", "direction"), "sign(velocity)", direction,
         "time", moments,
     ),
+    gridded(
+        "inertia by time", "force", ("time", "acceleration"), "acceleration", lambda m: m.a,
+        "time", moments,
+    ),
     _of_history("history of position", "force", ("history", "position"), "", "faded position", faded),
     _of_history("heat of the command", "force", HEAT, "", "heat", heat),
     gridded("command", "command", COMMAND, "", one, "command", _commands, BY_COMMAND),

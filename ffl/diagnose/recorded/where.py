@@ -157,6 +157,7 @@ PHRASES = {
     frozenset({"command", "history", "time"}): "the work done before, as heat would show",
     frozenset({"command", "time"}): "the force per command, by the time since the start",
     frozenset({"direction", "time"}): "friction, by the time since the start",
+    frozenset({"acceleration", "time"}): "an inertia, by the time since the start",
     frozenset({"direction", "history"}): "reversals, with the path before them",
 }
 OF_NAMES = {  # what differs where an effect of the catalogue has these variables

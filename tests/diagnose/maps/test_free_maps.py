@@ -15,13 +15,15 @@ from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps import choosing, freeform
 from ffl.diagnose.maps.choosing import earns
+from ffl.diagnose.maps.composed import Map, _cancel
 from ffl.diagnose.maps.form import FreeForm
-from ffl.diagnose.maps.formula import Shape, _brake, _cancel, _cost, _proportional
+from ffl.diagnose.maps.formula import _proportional
 from ffl.diagnose.maps.freeform import free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, Part, Run, Running
 from ffl.diagnose.maps.gains import gains_of, within_the_line
 from ffl.diagnose.maps.known import hardly_shown, where_known
 from ffl.diagnose.maps.retold import with_the_stated_mass
+from ffl.diagnose.maps.shapes import Shape, brake
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.events import events
@@ -170,8 +172,8 @@ def test_knocks_that_never_leave_it_quiet_are_events_where_the_noise_is_stated(
 @pytest.mark.parametrize("width", [0.0, 1e-200])
 def test_a_shape_without_a_width_is_no_formula(width):  # type: ignore[no-untyped-def]
     z = np.linspace(-1.0, 1.0, 9)
-    shape = Shape("", _brake, (width,))
-    assert np.isfinite(_cost([shape], z, np.eye(9), z))
+    shape = Shape("", brake, (width,))
+    assert np.isfinite(Map(z, np.eye(9), z).cost([shape]))
 
 
 @pytest.mark.parametrize(("pace", "noise", "apart"), [(0.5, 0.5, False), (17.0, 0.05, True)])
@@ -252,8 +254,8 @@ def test_terms_that_undo_one_another_are_no_formula():
     r = np.eye(len(z))
     sign, line = Shape("sign({z})", np.sign), Shape("{z}", lambda z: z)
     steep = Shape("tanh({z}/{0})", lambda z, w: np.tanh(z / w), (0.05,))
-    assert _cancel([sign, steep], z, r, bump)
-    assert not _cancel([sign, line], z, r, bump)
+    assert _cancel([sign, steep], Map(z, r, bump))
+    assert not _cancel([sign, line], Map(z, r, bump))
 
 
 def seen_within_a_centimetre(stage, references, scenes):  # type: ignore[no-untyped-def]

@@ -10,10 +10,9 @@ import pytest
 from ffl.diagnose.hypothesis.places import Place, places_of
 from ffl.diagnose.maps.described import _told
 from ffl.diagnose.maps.form import FreeForm
-from ffl.diagnose.maps.formula import library
 from ffl.diagnose.maps.freeform import BENT, _started, _unbent, free_form, judged
 from ffl.diagnose.maps.freemodel import FreeModel, FreeScreen, Part
-from ffl.diagnose.maps.grids import ranges_of
+from ffl.diagnose.maps.grids import MOMENTS, ranges_of
 from ffl.diagnose.maps.picture import picture
 from ffl.diagnose.maps.retold import (
     beside_formula,
@@ -21,6 +20,7 @@ from ffl.diagnose.maps.retold import (
     with_the_stated_mass,
     with_the_stated_number,
 )
+from ffl.diagnose.maps.shapes import library
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.recorded.trials import start_of
 from ffl.effects import Motion
@@ -137,7 +137,7 @@ def test_time_is_that_since_the_recording_began_and_waves_span_its_knots():  # t
     motion = Motion(t, zero, one, zero, zero, zero, 1e-3)
     gain = term("command by time")
     columns = gain.columns(motion, {"step": (1e-3, 1.0)})
-    np.testing.assert_allclose(columns[0], np.eye(9)[0], atol=1e-12)
+    np.testing.assert_allclose(columns[0], np.eye(MOMENTS)[0], atol=1e-12)
     np.testing.assert_allclose(columns.sum(axis=1), 1.0)
     periods = [s.inner[0] for s in library(0.0, 8.0, False, 4.0) if s.text.startswith("sin(")]
     assert len(periods) > 10

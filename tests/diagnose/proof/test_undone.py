@@ -7,7 +7,8 @@ import pytest
 
 from ffl.diagnose.hypothesis.amounts import effect_values
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.maps.formula import STRAIGHT, Formula, _by_speed, _one, library
+from ffl.diagnose.maps.formula import Formula, _by_speed
+from ffl.diagnose.maps.shapes import STRAIGHT, library, one
 from ffl.diagnose.proof.conclude import _undone
 
 
@@ -19,7 +20,7 @@ def drawn(along: str, driver: str, port: str = "force"):  # type: ignore[no-unty
 def test_the_part_by_speed_alone_is_known():
     shapes = list(library(-1.0, 1.0, True))
     wave, bump = (next(s for s in shapes if s.text.startswith(t)) for t in ("sin", "exp"))
-    level = next(s for s in shapes if s.columns is _one)
+    level = next(s for s in shapes if s.columns is one)
     weights = np.array([1.0, 2.0, -30.0, 10.9])
     assert _by_speed(drawn("position", "velocity"), [wave, bump, level], weights) == 10.9
     assert _by_speed(drawn("position", ""), [wave, bump, level], weights) == 0.0
