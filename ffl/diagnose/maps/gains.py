@@ -17,7 +17,10 @@ from ffl.diagnose.maps.form import FreeForm, held_gain
 from ffl.diagnose.maps.freemodel import FreeModel
 from ffl.diagnose.maps.retold import STRAIGHT, from_there
 from ffl.diagnose.noise.slow import in_own_noise as own_noise
+from ffl.diagnose.recorded.where import phrase
+from ffl.effects import EFFECTS
 
+EVEN = 3.0  # log-likelihood: what is behind by less is not behind
 MARGIN = 20.0  # log-likelihood by which maps must beat names, fitted and held out alike
 BENT = 0.3  # of such a map: what may lie beside a straight line
 NEARLY = 0.95  # share of the mismatch from which names that maps beat are kept as partly right
@@ -99,6 +102,19 @@ def within_the_line(scene: Scene, alone: FreeForm) -> bool:
         return False
     own = sizes(scene, alone.free.model).get(STRAIGHT[part.term.name], 0.0)
     return share < LINE or abs(own - math.copysign(share, line[0])) < LINE
+
+
+def elsewhere(standing: Model, alone: FreeForm | None, gains: tuple[float, float]) -> str:
+    """Where one map, at another port than the one effect that stands, explains as much as it, in words;
+    "" where none does. (Where a spring holds a slow stage a sensor's bent scale is a gain by position:
+    8 ahead where they were fitted, 0.3 behind held out; the gain was named with 0.97.)"""
+    if alone is None or len(alone.parts) != 1 or len(standing.names) != 1:
+        return ""
+    name = standing.names[0]
+    if name in standing.proven or min(gains) < -EVEN:
+        return ""
+    parts = (p for p in (*alone.parts, *alone.alike) if p.place.port != EFFECTS[name].port)
+    return next((f"{p.place.words}: {phrase(p.term.variables)}" for p in parts), "")
 
 
 def as_good(gains: tuple[float, float]) -> bool:

@@ -30,6 +30,7 @@ class Contest:
     formulas: tuple[Formula, ...] = ()
     lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
     led: bool = False  # the map was seen along the motion as measured: free runs do not follow it
+    elsewhere: str = ""  # where else one map explains as much as the one effect that is named
 
     @property
     def mapped(self) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from ffl.diagnose.maps.gains import (
     MARGIN,
     as_good,
     cost_of,
+    elsewhere,
     gains_of,
     in_own_noise,
     left_alone,
@@ -173,8 +174,9 @@ def _or_named(
     if alone and _simpler(standing, alone, gains):
         return _unnamed(asked, alone, gains, rng)
     winning = alone is not None and _wins(scene, standing, alone, gains)
+    as_well = elsewhere(standing, alone, gains.both)
     if heard.at_ease and not winning:
-        return Contest("named", alone, None, *gains.both, bursts)
+        return Contest("named", alone, None, *gains.both, bursts, elsewhere=as_well)
     only = [p.term.name for p in alone.parts] if alone and winning else []
     maps = free_form(scene, held, standing, names=only)
     beside = maps[-1] if maps and maps[-1].parts else None
@@ -192,7 +194,8 @@ def _or_named(
         return described(Contest("partly", alone, beside or near, *gains.both, bursts), scene, rng)
     shared = SHARED_OUT * events(scene, asked.before, heard.stated).excess if bursts.found else 0.0
     partly = bursts.found and bursts.excess > shared
-    return Contest("partly" if partly else "named", alone, None, *gains.both, bursts)
+    verdict = "partly" if partly else "named"
+    return Contest(verdict, alone, None, *gains.both, bursts, elsewhere=as_well)
 
 
 def _unnamed(

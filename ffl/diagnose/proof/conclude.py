@@ -48,6 +48,7 @@ LOGGED = (
     "a u that was logged as much before y looks the same where no controller is stated: see that both "
     "columns have one clock"
 )
+EVEN = 0.5  # probability that it is a map elsewhere, where that explains as much
 STRAIGHT = 1e-6  # of a formula's largest value: what is off by less is a proportion
 NOTICED = 0.9  # of the nrmse before: an error that is lowered by less needs no word
 HARDLY = 0.8  # of the nrmse: a map that leaves more takes hardly anything off
@@ -167,6 +168,7 @@ def conclude(
     findings: tuple[Finding, ...] = ()
     if said.verdict != "unnamed" and not said.nothing_claimed:
         elsewhere = none_of_them(said.verdict == "explained", ended.loud, ended.far)
+        elsewhere = max(elsewhere, EVEN if nameless.elsewhere else 0.0)
         findings = tuple(finding(standing, k, outcome, model, elsewhere) for k in said.told)
     seen = stands.named and standing.model.effects
     return Diagnosis(
@@ -238,6 +240,11 @@ def _remarks(
     names = {stands.judged.model.effects[index].name for index in said.told}
     if DELAY in names and not model.controller:
         yield LOGGED
+    if said.told and not said.nothing_claimed and stands.contest.elsewhere:
+        yield (
+            f"a map explains as much as {' and '.join(names)} ({stands.contest.elsewhere}): these "
+            "recordings cannot tell which of the two it is"
+        )
     able = said.told and not said.nothing_claimed and stands.named
     if able and (gain := as_gain(stands.judged)) is not None:
         yield (
