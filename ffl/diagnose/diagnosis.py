@@ -45,6 +45,7 @@ from ffl.diagnose.recorded.commands import as_limited
 from ffl.diagnose.recorded.glitches import without_glitches, without_turns
 from ffl.diagnose.recorded.mistaken import mistakes
 from ffl.diagnose.recorded.others import with_others
+from ffl.diagnose.recorded.repeating import repeating
 from ffl.diagnose.recorded.signs import unfolded
 from ffl.diagnose.recorded.starts import with_starts
 from ffl.diagnose.recorded.trials import commanded, prepared
@@ -56,6 +57,9 @@ from ffl.recordings import Recording
 from ffl.recordings.repeats import repeat_findings
 from ffl.systems.plant import Plant
 
+NEARLY_ALL = (
+    0.05  # of what is left of recordings that judge: what a disturbance that repeats leaves
+)
 THRESHOLD = 25.0  # score that one more effect must bring (look-elsewhere: see reports)
 
 
@@ -228,6 +232,11 @@ def _named(
 def _contested(ground: Ground, notes: list[str], say: Callable[[str], None]) -> Outcome:
     """Who stands after free runs, and after what is told by prediction alone."""
     scene, held, told, prior = ground.scene, ground.held, ground.told, ground.prior
+    alone = judge(scene, held, told)
+    same = repeating(scene, held, alone.model)
+    if same is not None and same.left < NEARLY_ALL and same.sweeps:
+        say("every recording has the same disturbance at the same time: no effect is looked for")
+        return Outcome(alone, [], held, {})
     outcome = contest(scene, held, told, THRESHOLD, progress=say)
     if scene.work.done:
         notes.append(

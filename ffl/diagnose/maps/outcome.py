@@ -10,6 +10,7 @@ from ffl.diagnose.maps.form import FreeForm
 from ffl.diagnose.maps.formula import Formula
 from ffl.diagnose.maps.freemodel import Part
 from ffl.diagnose.recorded.events import Events
+from ffl.diagnose.recorded.repeating import Repeating
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Contest:
     needed: tuple[tuple[str, float], ...] = ()  # share of the evidence that each variable is worth
     formulas: tuple[Formula, ...] = ()
     lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
+    repeats: Repeating | None = None  # a disturbance that every recording has at the same time
     led: bool = False  # the map was seen along the motion as measured: free runs do not follow it
     elsewhere: str = ""  # where else one map explains as much as the one effect that is named
 

@@ -13,8 +13,10 @@ from ffl.diagnose.maps.freemodel import FreeModel, Part
 from ffl.diagnose.maps.terms import SIGNALS, variable
 from ffl.diagnose.noise.passage import nothing
 from ffl.diagnose.noise.wiener import Wiener, of_force
+from ffl.diagnose.recorded.repeating import EDGE, Repeating
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects.modal import force_unit, is_speed
+from ffl.machines.simulator import Simulator
 from ffl.systems.state_space import Array, ComplexArray
 
 CARRIED = 0.5  # of a signal of the map's size at one frequency, that the data carry it
@@ -83,6 +85,17 @@ def picture(scene: Scene, free: FreeModel, index: int, said: Formula | None) -> 
         f"asked for and fitted{per}" + ("" if per else f" [{unit}]"),
         x[clear], (wanted[clear] / unity[clear]) * scale, grid, part.coefficients * scale,
         None if said is None else said.values,
+    )  # fmt: skip
+
+
+def over_time(same: Repeating, simulator: Simulator) -> MapPicture:
+    """A disturbance that comes again: what each recording asks for, and what they have in common."""
+    seen, scale = slice(0, len(same.load) - EDGE), simulator.force_per_input
+    each = same.each[:, seen] * scale
+    return MapPicture(
+        "a force: the same in every recording", "time since the recording began [s]",
+        f"asked for and shared [{force_unit(simulator.plant)}]", np.tile(same.t[seen], len(each)),
+        each.ravel(), same.t[seen], same.load[seen] * scale, None,
     )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.noise.unrest import without_unrest
 from ffl.diagnose.recorded.events import PLAINLY, Events, events
+from ffl.diagnose.recorded.repeating import repeating
 from ffl.effects import EFFECTS
 from ffl.effects.periods import Repeating, harmonics
 from ffl.systems.state_space import Array
@@ -45,6 +46,7 @@ SURE = 40.0  # of the fitted recordings, where the held-out ones lean that way (
 EARNED = 0.05  # share of the mismatch that names must take off beside maps
 TWICE = 2.0  # periods that the travel must hold before harmonics are those of what repeats
 SHARED_OUT = 0.03  # of the events before that may remain beside an effect that explains them
+NEARER = 0.8  # of the error beside a disturbance that comes again: what names must bring it to
 HALF = 0.5  # of the mismatch that names must explain where bursts remain beside them
 
 
@@ -103,8 +105,8 @@ def compare(
         held = judged_by(held, found)
     calm, calm_held = without_unrest(scene), None if held is None else without_unrest(held)
     asked = Question(scene, held, calm, calm_held, nominal, standing, before, left)
-    if lost := _commands_lost(asked):
-        return lost
+    if told := _commands_lost(asked) or _comes_again(asked):
+        return told
     heard = heard_in(scene, nominal, standing, left, rng)
     # What a limit leaves that should fall with speed may have been heard as noise.
     if named and (falls := _falling(scene, held, standing, nominal)):
@@ -137,6 +139,20 @@ def _commands_lost(asked: Question) -> Contest | None:
     if _lost(lost, *gains) and _over_a_delay(lost, gains, (calm, held), standing):
         return Contest("unnamed", None, None, *gains, None, ("command", "time"), lost=lost)
     return None
+
+
+def _comes_again(asked: Question) -> Contest | None:
+    """What is the same at the same time in every recording, beside the names if these leave clearly less
+    of recordings that judge than the model alone does beside it."""
+    scene, held, standing, nominal = asked.scene, asked.held, asked.standing, asked.nominal
+    same = repeating(scene, held, standing)
+    if same is None:
+        return None
+    alone = repeating(scene, held, nominal) if standing.effects else None
+    beside = bool(standing.effects) and (alone is None or same.error < NEARER * alone.error)
+    found, verdict = (same, "partly") if beside else (alone or same, "unnamed")
+    gain = found.gain
+    return Contest(verdict, None, None, gain, gain, None, ("time",), repeats=found)
 
 
 def _or_nothing(

@@ -19,12 +19,12 @@ from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, correction
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.maps.freemodel import FreeModel, Running
 from ffl.diagnose.maps.outcome import Contest
-from ffl.diagnose.maps.picture import MapPicture, picture
+from ffl.diagnose.maps.picture import MapPicture, over_time, picture
 from ffl.diagnose.maps.unnamed import compare
 from ffl.diagnose.proof.advise import plan
 from ffl.diagnose.proof.counsel import advice_of, other_model
 from ffl.diagnose.proof.findings import finding
-from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map
+from ffl.diagnose.proof.prove import Proof, prove, run_plant, with_map, with_runs
 from ffl.diagnose.proof.rules import Ended, Said, verdict_of
 from ffl.diagnose.proof.verdict import BEYOND, in_their_state, rounding
 from ffl.diagnose.recorded import sound, where
@@ -188,7 +188,7 @@ def conclude(
         maps_after=where.maps(quiet, quiet.whiten(left)) if left else (),
         notes=tuple(notes),
         nameless=nameless,
-        pictures=_pictures(nameless),
+        pictures=_pictures(stands),
         forces=where.forces(standing.scene, standing.model) if seen else None,
     )
 
@@ -200,6 +200,9 @@ def _proved(
     after = [run_plant(fitted, trial, held.observed) for trial in held.trials]
     judging, maps = held.like(stands.scene), stands.maps
     proof = prove(judging, before, after, stands.scene, rng, fitted, held.observed)
+    if (same := stands.contest.repeats) is not None:
+        runs = [stands.bare.simulate(trial) for trial in same.loaded(judging.trials)]
+        return with_runs(proof, judging.trials, runs), []
     if maps is None:
         return proof, []
     begun = with_starts(judging, Running(maps))  # the start too was another's, who stands no more
@@ -296,7 +299,10 @@ def within_a_turn(model: Model) -> Model:
     return model if np.array_equal(theta, model.theta) else model.at(theta)
 
 
-def _pictures(nameless: Contest) -> tuple[MapPicture, ...]:
+def _pictures(stands: Stands) -> tuple[MapPicture, ...]:
+    nameless = stands.contest
+    if nameless.repeats is not None:
+        return (over_time(nameless.repeats, stands.nominal.simulator),)
     winner = nameless.winner
     if winner is None:
         return ()

@@ -44,6 +44,11 @@ def _again(place: Place) -> str:
             f"{twice}, and as long at standstill: bursts at the same places of the move are the machine's, "
             "bursts at standstill come from outside"
         )
+    if place.component == "environment" and place.depends_on == ("time",):
+        return (
+            "record standstill, from the same beginning: what is there then too comes from outside; then "
+            "one move begun later than usual, which tells what starts it"
+        )
     if place.component == "timing":
         return f"{twice}, with a counter of the commands that the drive received beside them"
     return f"{twice}: what comes back is the machine, what does not is not"

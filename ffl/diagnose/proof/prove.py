@@ -128,15 +128,19 @@ def with_map(proof: Proof, held: Scene, maps: FreeModel) -> Proof:
     runs = [maps.simulate(trial) for trial in held.trials]
     if any(run is None for run in runs):
         return proof
-    after = [run[0] for run in runs if run]
+    return with_runs(proof, held.trials, [run[0] for run in runs if run])
+
+
+def with_runs(proof: Proof, trials: Sequence[Trial], after: Sequence[Simulation]) -> Proof:
+    """The proof with runs of what has no name as what is drawn after."""
     overlays = tuple(
         replace(o, y_after=run.y, u_after=run.u)
         for o, run in zip(proof.overlays, after, strict=True)
     )
-    error = nrmse([t.recorded.y for t in held.trials], [run.y for run in after])
+    error = nrmse([t.recorded.y for t in trials], [run.y for run in after])
     sent = None
     if proof.u_nrmse_after is not None:
-        sent = nrmse([t.recorded.u for t in held.trials], [run.u for run in after])
+        sent = nrmse([t.recorded.u for t in trials], [run.u for run in after])
     return replace(proof, overlays=overlays, nrmse_with_map=error, u_nrmse_with_map=sent)
 
 

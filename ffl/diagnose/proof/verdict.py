@@ -132,7 +132,8 @@ def refuted(contest: Contest) -> tuple[str, where.Place]:
 def in_their_state(place: where.Place, contest: Contest, found: Sequence[State]) -> where.Place:
     """Where bursts are all that is told: with the state in which they are by far the loudest, if there is
     one. (A wheel that slips does so at every hard start, at whatever time; knocks come in any state.)"""
-    if contest.verdict != "unnamed" or contest.winner is not None or contest.lost is not None:
+    told = contest.winner or contest.lost or contest.repeats
+    if contest.verdict != "unnamed" or told is not None:
         return place
     loudest = max(found, key=lambda s: s.power, default=None)
     if loudest is None or loudest.power < OF_A_STATE:
@@ -183,6 +184,8 @@ def _nameless(contest: Contest) -> where.Place:
             f"commands that did not arrive, the drive keeping the one before: at {said}",
             contest.variables, port="beside the command",
         )  # fmt: skip
+    if contest.repeats is not None:
+        return where.Place("environment", contest.repeats.words, contest.variables, port="a force")
     if winner is None:
         assert contest.events is not None
         return where.Place(
