@@ -18,12 +18,17 @@ from ffl.diagnose.recorded.holds import HELD, moves
 from ffl.diagnose.recorded.signs import looks_folded
 from ffl.diagnose.recorded.trials import Trial, blocks, prepared, stretches
 from ffl.diagnose.recorded.unfold import RECTIFIED, folded_scenes, learned_anew
+from ffl.diagnose.screen.angles import with_angles
 from ffl.recordings import Recording, shared_clock
 from ffl.systems.plant import EffectSpec, Plant
 
 BELIEF = 4.0  # the plant file's noise is known to about 50 %
 LONG = 60_000  # samples in all: with more the contest looks at stretches of the recordings
 BLIND = "the output turns back at zero: the sensor is blind to the sign"
+BEGUN = (
+    "where the recordings began along the way is not recorded, and was read from a force that comes again "
+    "every {:.5g} {} s of it: a phase that is told is that of the first recording"
+)
 FOLD = 0.5  # of the squared error: what a sign-blind sensor must leave at most
 NO_WORSE = 1.1  # times it, where the recordings that are fitted, or that judge, show no folds
 ANEW = 0.9  # of what it leaves before the stated linear part: then that is learned anew
@@ -135,6 +140,9 @@ def ground_of(seen: Comparison, notes: list[str], say: Callable[[str], None]) ->
         stands = None
     scene, held = (replace(s, trials=shown(s.trials, stands, model)) for s in (scene, held))
     cut = len(short) > len(recordings) or len(short_held) > len(validation)
+    if not cut and (begun := with_angles(scene, held, told)) is not None:
+        scene, held, period = begun
+        notes.append(BEGUN.format(period, model.output_unit))
     return Ground(seen, recordings, validation, scene, held, nominal, told, prior, stands, cut)
 
 

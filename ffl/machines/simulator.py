@@ -167,6 +167,7 @@ class Simulator:
         start_time: float = 0.0,
         before: float = 0.0,
         travel: float = 0.0,
+        place: float = 0.0,
         command_limit: float | None = None,
         encoder_resolution: float = 0.0,
         substeps: int | None = None,
@@ -183,7 +184,8 @@ class Simulator:
         units, straight between samples) and the side (name, mass_ratio) on which it acts; `watch`
         are sides whose motion is wanted. `before` is the command (input units) that was held until
         the first sample: what a delay or a lag of the command still remembers; `travel` the distance
-        (output units, signed) covered in one direction until then: what a contact still remembers.
+        (output units, signed) covered in one direction until then: what a contact still remembers; `place`
+        where a machine whose output is a speed begins (output units times s).
         `others`: effects of no catalogue, which act after those of the same port.
         Deterministic. Raises
         `InputError` for signals of unequal length and for effects that do not apply to the plant.
@@ -200,7 +202,7 @@ class Simulator:
         delay = self.mechanics.delay
         if delay:  # the force enters with the command it stands beside
             signals[2] = np.concatenate([np.zeros(min(delay, n)), signals[2][: max(0, n - delay)]])
-        state = self._split_state(start, program.mechanics)
+        state = self._split_state(start, program.mechanics, place)
         m, d = program.mechanics, program.discrete
         at_s, s = program.states(before, travel)
         positions, velocities = np.empty((2, n, len(d.rows_x)))
@@ -253,7 +255,7 @@ class Simulator:
         return self.run((), applied=(columns / self.force_per_input, (side, mass_ratio))).y
 
     def _split_state(
-        self, start: ArrayLike | None, mechanics: Mechanics
+        self, start: ArrayLike | None, mechanics: Mechanics, place: float
     ) -> tuple[Array, Array, Array, Array]:
         vector = np.zeros(self.n_states) if start is None else np.array(start, float)
         if vector.shape != (self.n_states,):
@@ -264,8 +266,9 @@ class Simulator:
         n, own = self.mechanics.order, self.mechanics.own
         ring_at = self.n_plant
         controller_at = ring_at + self.mechanics.delay
-        x = np.zeros(mechanics.order)  # the integral of a speed starts at 0
+        x = np.zeros(mechanics.order)
         x[:own] = vector[:own]
+        x[own:n] = place  # of a speed the integral, else there is none
         if mechanics.order > n:
             x[n:] = mechanics.hung @ x[:n]
         ring, controller = vector[ring_at:controller_at], vector[controller_at:]

@@ -28,7 +28,8 @@ from ffl.diagnose.hypothesis.triangle import lengths, triangle
 from ffl.diagnose.recorded.starts import with_clocks, with_starts
 from ffl.diagnose.screen.candidate import Candidate, with_coefficients
 from ffl.diagnose.screen.drives import blocked
-from ffl.diagnose.screen.screen import PER_COLUMN, POSITIVE, Screen, catalogue
+from ffl.diagnose.screen.kinds import POSITIVE
+from ffl.diagnose.screen.screen import PER_COLUMN, Screen, catalogue
 from ffl.effects import EFFECTS
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
@@ -192,12 +193,14 @@ def tuned(start: Together) -> Together:
     if not shapes:
         return start
     centre = np.log([start.candidates[k].nonlinear[name] for k, name in shapes])
-    reach = [REPEATS if EFFECTS[start.candidates[k].spec.name].scan else REACH for k, _ in shapes]
+    effects = [EFFECTS[c.spec.name] for c in start.candidates]
+    reach = [REPEATS if effects[k].scan else REACH for k, _ in shapes]
 
     def at(x: Array) -> tuple[Candidate, ...]:
         values = [dict(c.nonlinear) for c in start.candidates]
         for (k, name), number in zip(shapes, x, strict=True):
-            values[k][name] = float(np.exp(number))
+            ends = ((p.lower, p.upper) for p in effects[k].parameters if p.name == name)
+            values[k][name] = float(np.clip(np.exp(number), *next(ends, (-np.inf, np.inf))))
         pairs = zip(start.candidates, values, strict=True)
         return tuple(replace(c, nonlinear=v) for c, v in pairs)
 

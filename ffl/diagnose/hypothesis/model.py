@@ -179,9 +179,8 @@ class Model:
             force=trial.load,
             start=start_of(self.base.simulator, self.acting, trial),
             start_time=trial.start_time,
-            before=trial.before,
-            travel=trial.travel,
             command_limit=self.base.limit,
+            **trial.before_it,
         )
 
     @cached_property

@@ -180,9 +180,8 @@ class FreeModel:
         return self.model.simulator.run(
             self.model.acting, trial.reference, trial.feedforward, force=load,
             noise=ports.get("output"), start=start, start_time=trial.start_time,
-            before=trial.before,
-            travel=trial.travel, watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
-            command_limit=self.model.base.limit,
+            watch=list(dict.fromkeys(keys)), substeps=self.model.substeps,
+            command_limit=self.model.base.limit, **trial.before_it,
             applied=(ports["force"], side) if side else None, others=self._mapped,
         )  # fmt: skip
 

@@ -58,9 +58,8 @@ def imitated(
             noise=sensor,
             start=start_of(simulator, plant.effects, trial),
             start_time=trial.start_time,
-            before=trial.before,
-            travel=trial.travel,
             command_limit=None if trial.asked is None else limit_of(plant),
+            **trial.before_it,
         )
 
     out = []

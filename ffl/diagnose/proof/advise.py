@@ -34,7 +34,8 @@ from ffl.diagnose.proof.experiments import (
     limits,
     open_loop_designs,
 )
-from ffl.diagnose.recorded.trials import Trial, rest_under
+from ffl.diagnose.recorded.resting import rest_under
+from ffl.diagnose.recorded.trials import Trial
 from ffl.effects import EFFECTS
 from ffl.machines.simulator import Simulation, Simulator
 from ffl.systems.state_space import Array

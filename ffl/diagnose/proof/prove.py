@@ -117,9 +117,8 @@ def run_plant(plant: Plant, trial: Trial, observed: bool = False) -> Simulation:
         force=trial.load,
         start=start_of(simulator, effects, trial),
         start_time=trial.start_time,
-        before=trial.before,
-        travel=trial.travel,
         command_limit=limit_of(plant),
+        **trial.before_it,
     )
 
 

@@ -109,3 +109,22 @@ def _holds(spec: EffectSpec) -> bool:
     """Dry friction, rigid or on springs of its own: any force up to its level."""
     effect = EFFECTS[spec.name]
     return effect.port == "force" and (effect.switches or effect.reach(spec.parameters) > 0)
+
+
+def rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
+    """Standstill of an open-loop plant at `position` under a constant command, loads included in `held`.
+    The plant may make another position of that command: what the model leaves out holds it then, as a
+    force beside the command. (A valve with a dead zone stood at 0 bar under 0.09 V, of which the model
+    makes 0.84 bar: it began half way.)"""
+    m, n = simulator.mechanics, simulator.mechanics.own
+    weight = np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)
+    seen = np.append(m.c[:n] * weight, 0.0)
+    solution = np.linalg.lstsq(
+        np.vstack([np.column_stack([m.a[:n, :n], m.b[:n]]), seen]),
+        np.append(-m.b[:n] * held, position * weight),
+        rcond=1e-13,
+    )[0]
+    start = np.zeros(simulator.n_states)
+    start[:n] = solution[:n]
+    start[simulator.n_plant : simulator.n_plant + m.delay] = command
+    return start

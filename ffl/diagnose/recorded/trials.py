@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ffl.diagnose.hypothesis.linear import carried
 from ffl.diagnose.recorded.commands import as_limited, asked_for, feedback_of, limit_of
 from ffl.diagnose.recorded.first_state import behind_sensor, in_motion_from
-from ffl.diagnose.recorded.resting import Pull, springs_back, winds, wound
+from ffl.diagnose.recorded.resting import Pull, rest_under, springs_back, winds, wound
 from ffl.effects import EFFECTS, Mechanics
 from ffl.effects.modal import is_speed
 from ffl.effects.motion import Extent
@@ -61,6 +62,7 @@ class Trial:
     lost: Array | None = None  # which samples a sensor at its limit could not show (see `clip`)
     folded: bool = False  # y has the signs that its sensor is blind to (see `signs`)
     others: Mapping[str, Array] = field(default_factory=dict)  # what else was recorded, by name
+    place: float | None = None  # where it begins, of an output that is a speed, if known (`angles`)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -80,7 +82,7 @@ class Trial:
         """What a simulation takes of it, signals and states by identity: the same for trials that differ
         in what their samples count for."""
         arrays = self.reference, self.feedforward, self.load, self.u, self.start, self.mechanics
-        start = self.start_time, self.travel, self.loaded, self.at_rest, self.off
+        start = self.start_time, self.travel, self.loaded, self.at_rest, self.off, self.place or 0.0
         return (*map(id, arrays), *start)
 
     @property
@@ -89,6 +91,11 @@ class Trial:
         units; none where the drive was off. A machine that holds a spring has had it for long."""
         known = 0.0 if self.off else self.held
         return float(self._command[0]) if known is None else known
+
+    @property
+    def before_it(self) -> dict[str, Any]:
+        """What a simulation is told of the time before the first sample."""
+        return {"before": self.before, "travel": self.travel, "place": self.place or 0.0}
 
     @property
     def holding(self) -> float:
@@ -366,25 +373,6 @@ def start_of(
     return behind_sensor(
         simulator, start, lambda x: sum(effect.shown(values, x) - x for effect, values in shown)
     )
-
-
-def rest_under(simulator: Simulator, command: float, held: float, position: float) -> Array:
-    """Standstill of an open-loop plant at `position` under a constant command, loads included in `held`.
-    The plant may make another position of that command: what the model leaves out holds it then, as a
-    force beside the command. (A valve with a dead zone stood at 0 bar under 0.09 V, of which the model
-    makes 0.84 bar: it began half way.)"""
-    m, n = simulator.mechanics, simulator.mechanics.own
-    weight = np.abs(m.a).max() / max(np.abs(m.c).max(), 1e-300)
-    seen = np.append(m.c[:n] * weight, 0.0)
-    solution = np.linalg.lstsq(
-        np.vstack([np.column_stack([m.a[:n, :n], m.b[:n]]), seen]),
-        np.append(-m.b[:n] * held, position * weight),
-        rcond=1e-13,
-    )[0]
-    start = np.zeros(simulator.n_states)
-    start[:n] = solution[:n]
-    start[simulator.n_plant : simulator.n_plant + m.delay] = command
-    return start
 
 
 def extent(trials: Sequence[Trial], travel: float, output_unit: str) -> Extent:

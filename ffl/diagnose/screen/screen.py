@@ -37,6 +37,15 @@ from ffl.diagnose.screen.candidate import Candidate, spec_of
 from ffl.diagnose.screen.clocks import apart, begun_apart
 from ffl.diagnose.screen.drives import blocked
 from ffl.diagnose.screen.followed import followed, strays
+from ffl.diagnose.screen.kinds import (
+    ABSOLUTE,
+    AROUND,
+    BLIND,
+    INERTIAL,
+    LEADING,
+    OF_A_SCALE,
+    POSITIVE,
+)
 from ffl.effects import EFFECTS, Effect, Motion
 from ffl.effects.drift import SETTLES
 from ffl.errors import InputError
@@ -45,45 +54,8 @@ from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
 PER_COLUMN = 8.0  # sum of squares that one more coefficient must take off (twice its likelihood)
-POSITIVE = (  # coefficients of the regressors are magnitudes
-    "coulomb_friction",
-    "asymmetric_friction",
-    "viscous_friction",
-    "stribeck_friction",
-    "presliding_friction",
-    "position_dependent_friction",
-    "logarithmic_friction",
-    "quadratic_drag",
-    "backlash",
-    "hysteresis",
-    "dead_zone",
-    "input_delay",
-    "actuator_lag",
-    "flexible_mode",
-    "sensor_lead",
-)
 VALLEYS = 3  # beside the best that a simulation looks into
 NORM_FLOOR = 1e-6  # of the largest column: below it a column is nothing but rounding
-
-
-ABSOLUTE = frozenset(  # effects that need the position itself, not only changes of it
-    {
-        "cogging",
-        "linear_stiffness",
-        "hardening_spring",
-        "preloaded_spring",
-        "gravity_torque",
-        "position_dependent_friction",
-        "position_dependent_gain",
-    }
-)
-
-
-BLIND = frozenset({"time", "temperature"})  # what a force depends on that feels no motion
-LEADING = frozenset({"sensor_lead"})  # what the velocity of what is measured adds to it
-# What a scale adds by its place, or holds back: a speed has none, and its integral begins anew every time.
-OF_A_SCALE = frozenset({"encoder_ripple", "backlash"})
-INERTIAL = frozenset({"flexible_mode", "mass_change", "preloaded_spring"})  # lags have no mass
 
 
 Tables = dict[tuple[tuple[str, float], ...], Array]  # columns of one effect by what shapes them
@@ -259,7 +231,9 @@ class Screen:
         if effect.name == "mass_change" and mass_is_corrected(self.model):
             return []
         if mechanics.place is not None and effect.name in ABSOLUTE:
-            return []  # the integral of a speed begins anew with every recording
+            known = all(trial.place is not None for trial in self.scene.trials)
+            if not (known and effect.name == AROUND):
+                return []  # the integral of a speed begins anew with every recording
         out = places_of(self.model) + behind_a_mode(self.model, effect.name)
         kept = [p for p in out if p.side in effect.sides]
         if len(kept) > 1 and effect.default_side != "sensor":  # a drive's force is none of its

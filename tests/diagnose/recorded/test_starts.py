@@ -8,8 +8,9 @@ import pytest
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
+from ffl.diagnose.recorded.resting import rest_under
 from ffl.diagnose.recorded.starts import with_starts
-from ffl.diagnose.recorded.trials import prepare, rest_under
+from ffl.diagnose.recorded.trials import prepare
 from ffl.systems.plant import EffectSpec
 from ffl.systems.plant_file import plant_from_dict
 
