@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
+from ffl.diagnose.contest.bristles import as_bristle
 from ffl.diagnose.contest.by_own_noise import by_own_noise
 from ffl.diagnose.contest.chance import without_chance
 from ffl.diagnose.contest.judging import Judged, judge
@@ -264,6 +265,7 @@ def _looked_at_again(held: Scene, standing: Judged, outcome: Outcome) -> tuple[J
     standing, outcome = against_the_refused(held, standing, outcome)
     standing, outcome = late_otherwise(held, standing, outcome, names)
     standing, outcome = plainest(held, standing, outcome)
+    standing, outcome = as_bristle(held, standing, outcome)
     standing = without_chance(held, without_faint(held, standing))
     standing = without_unneeded(held, let_free(held, standing))
     standing = with_modes_heard(held, standing)
