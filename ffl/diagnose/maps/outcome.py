@@ -32,6 +32,7 @@ class Contest:
     lost: Dropouts | None = None  # commands that did not arrive: what is unnamed, in place of maps
     repeats: Repeating | None = None  # a disturbance that every recording has at the same time
     led: bool = False  # the map was seen along the motion as measured: free runs do not follow it
+    instead: bool = False  # `beside` stands in the place of the names, which do nearly as much
     elsewhere: str = ""  # where else one map explains as much as the one effect that is named
 
     @property

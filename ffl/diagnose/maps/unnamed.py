@@ -207,7 +207,8 @@ def _or_named(
     if alone and winning and not near and not _better(beside, alone, nominal, held):
         return _unnamed(asked, alone, gains, rng, beside)
     if beside or near:
-        return described(Contest("partly", alone, beside or near, *gains.both, bursts), scene, rng)
+        found = Contest("partly", alone, beside or near, *gains.both, bursts, instead=not beside)
+        return described(found, scene, rng)
     shared = SHARED_OUT * events(scene, asked.before, heard.stated).excess if bursts.found else 0.0
     partly = bursts.found and bursts.excess > shared
     verdict = "partly" if partly else "named"

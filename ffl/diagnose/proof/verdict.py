@@ -81,8 +81,11 @@ def verdict(
             return ("explained" if chi2 < STRUCTURED else "partly_explained"), place
         rest = _nameless(contest)
         depends |= dict.fromkeys(rest.depends_on)
+        told = (
+            "in its place, without a name, a little better" if contest.instead else "what is left"
+        )
         return "partly_explained", where.Place(
-            names[0].component, f"{said}; what is left: {rest.where}", tuple(depends),
+            names[0].component, f"{said}; {told}: {rest.where}", tuple(depends),
             port=rest.port, formula=rest.formula, ports=rest.ports,
         )  # fmt: skip
     excess = loudness(plant, standing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.terms import TERMS
+from ffl.diagnose.proof import verdict as ending
 from ffl.diagnose.proof.verdict import foretold, is_unlike, refuted
 
 
@@ -40,6 +42,21 @@ def test_nothing_is_said_where_no_map_is_beside_it():
     assert said == "inconclusive"
     assert "does not hold on the held-out recordings" in place.where
     assert not place.depends_on
+
+
+@pytest.mark.parametrize("instead", [False, True])
+def test_a_map_in_the_place_of_a_name_is_not_what_the_name_left(monkeypatch, instead):
+    """Of a telescope's friction: "what is left: -67 sign(velocity)" beside that very friction."""
+    for quick in ("coloured", "bent"):
+        monkeypatch.setattr(ending, quick, lambda standing: False)
+    monkeypatch.setattr(ending, "loudness", lambda plant, standing: 1.0)
+    effects = (SimpleNamespace(name="coulomb_friction"),)
+    stands = SimpleNamespace(model=SimpleNamespace(effects=effects), held_white=[])
+    found = replace(contest("partly", by_position()), instead=instead)
+    said, place = ending.verdict(None, stands, found)
+    assert said == "partly_explained"
+    assert ("what is left" in place.where) is not instead
+    assert ("in its place" in place.where) is instead
 
 
 @pytest.mark.parametrize(
