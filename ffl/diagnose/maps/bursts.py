@@ -12,11 +12,13 @@ from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.noise.imitate import Imitation, imitated
 from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.recorded.events import Events, events
+from ffl.diagnose.recorded.knocks import knocks
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
 QUIET_ENOUGH = 1.15  # mean square of a residual under the least noise below which nothing is left
 MANY = 20  # draws of noise that bursts are held against before they are called events
+RARER = 1.2  # times the same of pushes that are told by their shape, in deviations, not in power
 LOUDER = 1.5  # times the bursts that noise alone makes in the machine as named: events beyond
 
 
@@ -41,6 +43,15 @@ def heard_in(
     if not bursts.found:
         stated = nominal.base.plant
         bursts = events(scene, left, stated)
+    if (
+        not bursts.found and not standing.effects
+    ):  # names leave reversals and places, which look alike
+        faint = knocks(scene, left)
+        if faint.found:
+            machine, sent = standing.judged_on(scene.trials)
+            alike = imitated(machine.plant(), sent, scene.noise, rng)
+            usual = max((knocks(scene, one.y).ratio for one in alike), default=0.0)
+            return Heard(replace(faint, limit=max(faint.limit, RARER * usual)), False, stated)
     if bursts.found or (standing.effects and loud > QUIET_ENOUGH):
         machine, sent = standing.judged_on(scene.trials)
         alike = imitated(machine.plant(), sent, scene.noise, rng)

@@ -15,7 +15,7 @@ import scipy.stats
 
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.noise.imitate import believable
-from ffl.diagnose.noise.noise import fit_noise
+from ffl.diagnose.noise.noise import Noise, fit_noise
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
@@ -48,10 +48,7 @@ def events(scene: Scene, residuals: list[Array], plant: Plant | None = None) -> 
     """Events in the residuals of a scene's recordings. With `plant` no louder noise is believed in
     than it states: where the loop is slow, what a knock leaves lasts until the next one and passes
     for force noise in the quieter windows too. Then they must be plain to see."""
-    noise = fit_noise(
-        scene.loop, residuals, scene.noise, floor=scene.floor, coloured=False, quantile=QUIETER,
-        segment=SHORT,
-    )  # fmt: skip
+    noise = quiet_noise(scene, residuals)
     if plant is not None:
         noise = believable(noise, plant)
     whiteners = replace(scene, noise=noise).whiteners
@@ -71,6 +68,14 @@ def events(scene: Scene, residuals: list[Array], plant: Plant | None = None) -> 
     excess = float(np.sum(np.maximum(together / middle - 1.0, 0.0))) * WINDOW
     limit = LOUD if plant is None else PLAINLY
     return Events(ratio, excess, _stretches(powers, spans, LOUD * middle), limit)
+
+
+def quiet_noise(scene: Scene, residuals: list[Array]) -> Noise:
+    """The noise of the quieter short stretches."""
+    return fit_noise(
+        scene.loop, residuals, scene.noise, floor=scene.floor, coloured=False, quantile=QUIETER,
+        segment=SHORT,
+    )  # fmt: skip
 
 
 def _growth(power: Array) -> Array:
