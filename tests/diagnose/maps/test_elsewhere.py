@@ -10,6 +10,7 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.maps.gains import elsewhere
+from ffl.diagnose.maps.unnamed import Gained
 from ffl.machines import SimulatedMachine
 
 STEP, CURVATURE = 1e-3, 300.0  # s, 1/m
@@ -69,3 +70,19 @@ def test_neither_is_said_to_be_sure(bent):
     assert told.name == GAIN
     assert told.confidence <= 0.5
     assert any("explains as much" in note and "at the sensor" in note for note in bent.notes)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held", "likely", "wins"),
+    [
+        (24.0, 4.9, 5.8, True),
+        (24.0, 2.0, 5.8, False),
+        (24.0, 2.9, 0.1, False),
+        (18.0, 4.9, 5.8, False),
+        (24.0, 9.0, 300.0, False),
+        (24.0, 11.0, 300.0, True),
+        (45.0, 0.1, 300.0, True),
+    ],
+)
+def test_a_map_wins_that_gains_what_may_be_hoped_for_where_little_shows(fitted, held, likely, wins):  # type: ignore[no-untyped-def]
+    assert Gained(fitted, held, likely).ahead == wins
