@@ -73,12 +73,11 @@ def verdict(
         depends = dict.fromkeys(d for e in names for d in e.depends_on)
         said = where.phrase(names[0].depends_on, named=True)
         short = coloured(standing) or bent(standing) or loudness(plant, standing) > LOUDER
-        short = short or chi2 < 1.0 / STRUCTURED or excess > BEYOND
+        short = short or not 1.0 / STRUCTURED < chi2 < STRUCTURED or excess > BEYOND
         if contest.verdict == "named" and short:
             return "partly_explained", _left(standing, names[0].component, said, depends)
         if contest.verdict == "named":
-            place = where.Place(names[0].component, said, tuple(depends))
-            return ("explained" if chi2 < STRUCTURED else "partly_explained"), place
+            return "explained", where.Place(names[0].component, said, tuple(depends))
         rest = _nameless(contest)
         depends |= dict.fromkeys(rest.depends_on)
         told = (
@@ -99,6 +98,14 @@ def verdict(
         said = f"{UNDECIDED} {' and '.join(off)} off: more than a number, and no effect that holds"
         return "inconclusive", where.Place("plant", said, ())
     return "nothing_missing", where.Place("", "", ())
+
+
+def louder_than_noise(standing: Judged) -> str:
+    """How much more than noise names leave of the recordings that judge, in words; "" where it is noise."""
+    white = standing.held_white
+    if not len(white) or (power := mean_power(white)) < STRUCTURED:
+        return ""
+    return f"what is left of the recordings that judge has {power:.2g} times the power of the noise"
 
 
 def foretold(said: str, proof: Proof, names: Collection[str]) -> tuple[str, tuple[str, ...]]:
@@ -172,7 +179,7 @@ def _left(standing: Judged, component: str, said: str, depends: dict[str, None])
     left = goes_with(states(standing.fit.white, motions))
     return where.Place(
         component,
-        f"{said}; what is left: {where.phrase(left)}",
+        f"{said}; what is left: {where.phrase(left)}" if left else said,
         tuple(depends | dict.fromkeys(left)),
     )
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ffl.diagnose.hypothesis.places import Place
 from ffl.diagnose.maps.outcome import Contest
 from ffl.diagnose.maps.terms import TERMS
 from ffl.diagnose.proof import verdict as ending
-from ffl.diagnose.proof.verdict import foretold, is_unlike, refuted
+from ffl.diagnose.proof.verdict import foretold, is_unlike, louder_than_noise, refuted
 
 
 def contest(verdict, winner=None):  # type: ignore[no-untyped-def]
@@ -57,6 +58,25 @@ def test_a_map_in_the_place_of_a_name_is_not_what_the_name_left(monkeypatch, ins
     assert said == "partly_explained"
     assert ("what is left" in place.where) is not instead
     assert ("in its place" in place.where) is instead
+
+
+@pytest.mark.parametrize(("left", "loud"), [((), "4"), (("direction",), "4"), ((), "1")])
+def test_structure_that_remains_is_said_with_its_power_and_its_state(monkeypatch, left, loud):  # type: ignore[no-untyped-def]
+    """Of an elevator's play: "structure remains", and not a word of what."""
+    for quick in ("coloured", "bent"):
+        monkeypatch.setattr(ending, quick, lambda standing: False)
+    monkeypatch.setattr(ending, "loudness", lambda plant, standing: 1.0)
+    monkeypatch.setattr(ending, "states", lambda white, motions: ())
+    monkeypatch.setattr(ending, "goes_with", lambda found: left)
+    effects = (SimpleNamespace(name="backlash"),)
+    stands = SimpleNamespace(
+        model=SimpleNamespace(effects=effects), held_white=np.full(100, float(loud) ** 0.5),
+        scene=SimpleNamespace(trials=()), fit=SimpleNamespace(white=np.ones(100)),
+    )  # fmt: skip
+    said, place = ending.verdict(None, stands, contest("named"))
+    assert said == ("explained" if loud == "1" else "partly_explained")
+    assert ("what is left" in place.where) is bool(left)
+    assert (f"{loud} times the power" in louder_than_noise(stands)) is (loud == "4")
 
 
 @pytest.mark.parametrize(
