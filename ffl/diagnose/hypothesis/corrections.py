@@ -8,7 +8,7 @@ import numpy as np
 
 from ffl.diagnose.contest.judging import Judged
 from ffl.diagnose.contest.line import slight
-from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, LINE, NAMES, own_damping
+from ffl.diagnose.hypothesis.amounts import HUNDREDFOLD, LINE, NAMES, of_its_own, own_damping
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.linear import APART, Correction, changed_stiffness
 from ffl.diagnose.hypothesis.model import Model
@@ -20,6 +20,10 @@ HARDLY = 1e-3  # of a sample: a delay or lag below it is no news to anybody
 NO_NEWS = 1e-6  # of what the plant file has: a change that no engineer would make
 SHARES = ("mass", "damping", "stiffness", APART)  # what y per u at rest, or a stiffness, hangs on
 STEP = 1e-2  # of a change that matters: over which a slope is taken
+OWN = {
+    "coefficient": "damping",
+    "stiffness": "stiffness",
+}  # numbers of effects that a plant has too
 AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 
@@ -73,20 +77,25 @@ def _told(name: str, value: float, error: float | None, damping: float) -> Model
 
 
 def as_gain(standing: Judged) -> float | None:
-    """Change of the drive's gain, where it says the same with one number: mass, damping and stiffness all
-    off by one share s, (1 + gain)(1 + s) = 1. None where they are not."""
+    """Change of the drive's gain, where it says the same with one number: all that the machine has of mass,
+    damping and stiffness, corrected or named, off by one share s, (1 + gain)(1 + s) = 1. None where they
+    are not."""
     model = standing.model
     damping = own_damping(model)
     if damping <= 0.0 or model.base.is_process:
         return None
     shares = {}
     for c, spread in zip(model.coordinates, standing.spread, strict=True):
-        if c.kind == "effect" and model.effects[c.effect].name == NAMES["mass"]:
-            shares["mass"] = model.effects[c.effect].parameters["change"], float(spread)
+        spec = model.effects[c.effect] if c.kind == "effect" else None
+        if spec is not None and spec.name == NAMES["mass"]:
+            shares["mass"] = spec.parameters["change"], float(spread)
+        elif spec is not None and c.name in OWN and (share := of_its_own(model, spec)) is not None:
+            per = share / float(spec.parameters[c.name])
+            shares[OWN[c.name]] = share, abs(per) * float(spread)
         elif c.kind == "correction" and c.name in NAMES:
             scale = damping if c.name == "damping" else 1.0
             shares[c.name] = model.corrections.get(c.name, 0.0) / scale, float(spread) / scale
-    if set(shares) != set(NAMES):
+    if len(shares) < 2 or set(shares) != {c.name for c in model.base.corrections} & set(NAMES):
         return None
     value, error = shares.pop("mass")
     sure = abs(value) > LINE and abs(value) > 10.0 * error

@@ -251,8 +251,8 @@ def _remarks(
     able = said.told and not said.nothing_claimed and stands.named
     if able and (gain := as_gain(stands.judged)) is not None:
         yield (
-            "mass, damping and stiffness are off by one and the same share: one number says as much, the "
-            f"gain of the drive, {100.0 * gain:+.3g} %"
+            "all that the plant file has of mass, damping and stiffness is off by one and the same "
+            f"share: one number says as much, the gain of the drive or the unit of u, {100.0 * gain:+.3g} %"
         )
     if said.verdict == "unnamed" and stands.maps and (undone := _undone(stands)):
         yield undone

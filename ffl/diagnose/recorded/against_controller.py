@@ -23,6 +23,7 @@ OVERDUE = 9  # samples
 CUT = 8  # samples that must stand at the largest |u|, for it to be a limit that nobody stated
 LIKE = 0.05  # of a factor: as near is that factor
 TAKEN = 0.5  # of what is left of u less f: a gain that leaves more of it is not the controller's
+UNIT_LEAVES = 0.1  # of y's variance: what a factor of what the plant makes of u may leave
 SCALED = 0.9  # decades from which a factor is a unit
 
 
@@ -74,10 +75,21 @@ class Asked:
         return behind(self.equation, SHIFTS)
 
     @cached_property
+    def moved_by_u(self) -> tuple[float, float]:
+        """(factor, share of y's variance that it leaves) of y over what the plant makes of u."""
+        return factor_of(self.plant, self.recording.u[:ROWS], self.recording.y[:ROWS])
+
+    @property
     def moves_as_it_should(self) -> bool | None:
         """Whether u moves y the way the plant's gain has it; None where that cannot be told."""
-        factor = factor_of(self.plant, self.recording.u[:ROWS], self.recording.y[:ROWS])[0]
+        factor = self.moved_by_u[0]
         return None if factor == 0.0 else factor > 0.0
+
+    def moves_as_much_less(self, k: float) -> bool:
+        """Whether u, `k` times what the controller gives, moves y by as much less than the plant has it: u
+        was recorded in another unit. (A torque in per cent of 60 N m passed for a gain of 1.667.)"""
+        factor, left = self.moved_by_u
+        return left < UNIT_LEAVES and abs(factor * k - 1.0) < LIKE < abs(k - 1.0)
 
     @cached_property
     def shift(self) -> Shift:
@@ -143,6 +155,13 @@ def _command(asked: Asked) -> Fault | None:
             "unit", "the unit of u",
             f"u is {k:.4g} times what the controller gives: correct its unit, or that of r and y, "
             "in the mapping",
+        )  # fmt: skip
+    if asked.moves_as_much_less(k):
+        return asked.fault(
+            "unit", "the unit of u",
+            f"u is {k:.4g} times what the controller gives, and moves y {1.0 / k:.4g} times as much as "
+            f"the plant file has it: correct its unit in the mapping, u = {{ scale = {1.0 / k:.4g} }} "
+            "(times the scale it has)",
         )  # fmt: skip
     return None
 

@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 
 from ffl.diagnose.contest.line import LATE, slight
-from ffl.diagnose.hypothesis.amounts import own_damping
+from ffl.diagnose.hypothesis.amounts import effect_values, own_damping
 from ffl.diagnose.hypothesis.coordinate import Coordinate
 from ffl.diagnose.hypothesis.corrections import as_gain, beside_maps, corrections
 from ffl.diagnose.hypothesis.linear import (
@@ -208,6 +208,23 @@ def test_mass_damping_and_stiffness_off_by_one_share_are_the_gain_of_the_drive(s
     found = moved(standing, mass=-0.0291, damping=-0.0291 * damping, stiffness=stiffness)
     gain = as_gain(found)
     assert gain == pytest.approx(0.02997, rel=1e-3) if one else gain is None
+
+
+@pytest.mark.parametrize(("more", "one"), [(2.0 / 3.0, True), (0.5, False)])
+def test_a_mass_and_a_damping_that_are_named_are_one_gain_where_there_is_no_spring(more, one):  # type: ignore[no-untyped-def]
+    """A radar antenna whose torque was logged in per cent: 66.7 % more mass and damping, 0.97 each."""
+    model = Model(Base.of(Plant("antenna", Zpk([-1.0], [1.0, 0.999], 5e-8, T), None)))
+    own = effect_values(replace(model, corrections={"damping": own_damping(model)}), "damping")
+    effects = (
+        EffectSpec("mass_change", {"change": 2.0 / 3.0}),
+        EffectSpec("viscous_friction", {"coefficient": more * own["coefficient"]}),
+    )
+    model = replace(model, effects=effects, held=frozenset({"mass", "damping"}))
+    names = [c.name for c in model.coordinates if c.kind == "effect"]
+    assert names == ["change", "coefficient"]
+    spread = [1e-4 if c.name == "change" else 1e-3 * own["coefficient"] for c in model.coordinates]
+    gain = as_gain(SimpleNamespace(model=model, spread=spread))
+    assert gain == pytest.approx(-0.4) if one else gain is None
 
 
 def test_what_went_into_the_plant_beside_a_map_is_told_without_an_error():

@@ -150,6 +150,14 @@ def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignor
     assert "1.25 times" in fault.mend
 
 
+@pytest.mark.parametrize("scale", [1.0 / 0.6, 0.3])
+def test_a_command_in_another_unit_is_no_gain_of_the_controller(stage, clean, scale):  # type: ignore[no-untyped-def]
+    """A torque in per cent of 60 N m: y moves as much less as u is more than the controller gives."""
+    fault = soundness(stage, [_with(clean, u=scale * clean.u)]).faults[0]
+    assert (fault.kind, fault.where) == ("unit", "the unit of u")
+    assert f"scale = {1.0 / scale:.4g}" in fault.mend
+
+
 @pytest.mark.parametrize(("noise", "said"), [(0.0, True), (3e-3, False)])
 def test_its_gain_is_told_where_feedback_is_little_of_the_command(stage, clean, noise, said):  # type: ignore[no-untyped-def]
     """Of the blind run 20270125, case 0037: f was 99 % of u, a controller of 0.8 times the stated gain left
