@@ -3,6 +3,7 @@
 import os
 import textwrap
 from collections import Counter
+from functools import partial
 
 import pytest
 
@@ -62,22 +63,32 @@ weights = {{ error = 1.0, feedforward = 1e-12 }}
 """
 
 
+def write_in(folder, *replace, trials=3, duration=0.5, name="small.toml"):
+    """Writes model, machine and campaign; `replace` edits the campaign's text."""
+    (folder / "model.toml").write_text(PLANT.format(gain=5.0e-8))
+    (folder / "machine.toml").write_text(PLANT.format(gain=4.8e-8))
+    text = CAMPAIGN.format(trials=trials, duration=duration)
+    for old, new in replace:
+        assert old in text
+        text = text.replace(old, textwrap.dedent(new))
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
 @pytest.fixture
 def write_campaign(tmp_path):
-    """Writes model, machine and campaign; `replace` edits the campaign's text."""
+    return partial(write_in, tmp_path)
 
-    def write(*replace, trials=3, duration=0.5, name="small.toml"):
-        (tmp_path / "model.toml").write_text(PLANT.format(gain=5.0e-8))
-        (tmp_path / "machine.toml").write_text(PLANT.format(gain=4.8e-8))
-        text = CAMPAIGN.format(trials=trials, duration=duration)
-        for old, new in replace:
-            assert old in text
-            text = text.replace(old, textwrap.dedent(new))
-        path = tmp_path / name
-        path.write_text(text)
-        return path
 
-    return write
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of the small campaign, run once: for reading, or for `shutil.copytree`."""
+    from ffl.campaign import load_campaign, run_campaign
+
+    folder = tmp_path_factory.mktemp("finished")
+    run_campaign(load_campaign(write_in(folder)), folder / "done")
+    return folder / "done"
 
 
 @pytest.fixture

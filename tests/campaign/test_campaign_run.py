@@ -1,6 +1,7 @@
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -33,10 +34,9 @@ def stable(folder):
 
 
 @pytest.fixture
-def undisturbed(write_campaign, tmp_path):
-    campaign = load_campaign(write_campaign())
-    run_campaign(campaign, tmp_path / "whole")
-    return campaign, stable(tmp_path / "whole")
+def undisturbed(finished, write_campaign, tmp_path):
+    shutil.copytree(finished, tmp_path / "whole")
+    return load_campaign(write_campaign()), stable(tmp_path / "whole")
 
 
 def test_results_follow_the_contract(write_campaign, tmp_path):

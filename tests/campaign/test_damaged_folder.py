@@ -11,13 +11,14 @@ from ffl.cli import execute
 from ffl.errors import InputError
 from ffl.systems.atomic import write_text
 
+pytestmark = pytest.mark.usefixtures("undrawn")  # pages are written, and none is looked at
+
 
 @pytest.fixture
-def folder(write_campaign, tmp_path, monkeypatch):
+def folder(finished, tmp_path, monkeypatch):
     """done/, a finished run."""
     monkeypatch.chdir(tmp_path)
-    run_campaign(load_campaign(write_campaign()), tmp_path / "done")
-    return tmp_path / "done"
+    return shutil.copytree(finished, tmp_path / "done")
 
 
 @pytest.fixture
@@ -125,7 +126,7 @@ def test_missing_signals_are_said_with_the_mend(folder, line, command):
     assert execute(list(command)) == 0
 
 
-@pytest.mark.slow(10)
+@pytest.mark.slow(5)
 @pytest.mark.parametrize("command", [EXPORT, ("report", "done"), RESUME, ("rerun", "done")])
 def test_cut_signals_are_said_with_the_mend(folder, line, command):
     path = folder / "fir.h5"

@@ -143,6 +143,7 @@ def test_help_says_that_an_instrumental_basis_file_holds_weights(capfd):
     assert "TOML with `basis` and `weights`" in said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_load_stands_in_the_answer_with_its_standard_error_or_not_at_all(tmp_path, capfd):
     rng = np.random.default_rng(5)
     u = rng.standard_normal(800)
@@ -160,6 +161,7 @@ def test_a_load_stands_in_the_answer_with_its_standard_error_or_not_at_all(tmp_p
             assert answer["constant_load_std_error"] < 0.1 * answer["constant_load"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_band_of_a_search_says_what_it_leaves_out(tmp_path):
     data, out = written(tmp_path / "a.csv", 800), tmp_path / "found"
     for method in ("rational", "least_squares"):

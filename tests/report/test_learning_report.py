@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import h5py
 import numpy as np
@@ -59,10 +60,15 @@ def test_only_a_zero_beyond_one_sends_the_output_the_wrong_way(system, samples):
     assert wrong_way(system, system.impulse_response(200)) == samples
 
 
-def test_the_report_holds_every_figure(write_campaign, tmp_path):
-    campaign = load_campaign(write_campaign())
-    run_with_report(campaign, tmp_path / "out", quiet=True)
-    text = (tmp_path / "out" / "report.html").read_text()
+@pytest.fixture(scope="module")
+def reported(finished):
+    """The folder of the small campaign with its report."""
+    run_with_report(load_campaign(finished / "campaign.toml"), finished, resume=True, quiet=True)
+    return finished
+
+
+def test_the_report_holds_every_figure(reported):
+    text = (reported / "report.html").read_text()
     for title in (
         "Error norm of every trial",
         "Reference",
@@ -75,21 +81,21 @@ def test_the_report_holds_every_figure(write_campaign, tmp_path):
         assert f"<b>{title}" in text
     assert text.count("<figure>") == 7
     assert "A reference that was never learned" in text
-    for run in read_folders([tmp_path / "out"]):
+    for run in read_folders([reported]):
         assert f"<td>{run.label}</td>" in text
         assert f"{run.error_norm[-1]:.4g}" in text
 
 
-def test_what_is_not_drawn_is_named_and_a_large_ratio_is_no_percentage(write_campaign, tmp_path):
-    run_with_report(load_campaign(write_campaign()), tmp_path / "out", quiet=True)
-    text = (tmp_path / "out" / "report.html").read_text()
+def test_what_is_not_drawn_is_named_and_a_large_ratio_is_no_percentage(reported):
+    text = (reported / "report.html").read_text()
     assert "Not drawn: free (no filter of the reference" in text
-    errors = {run.label: run.error_norm[-1] for run in read_folders([tmp_path / "out"])}
+    errors = {run.label: run.error_norm[-1] for run in read_folders([reported])}
     ratio = max(errors.values()) / min(errors.values())
     assert ratio > 2
     assert f"<td>{ratio:.3g} times as large</td>" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_legend_of_many_runs_stays_within_the_figure(write_campaign, tmp_path, monkeypatch):
     """Eight runs with the longest names that one row of four may have."""
     from ffl.report import learning_page
@@ -117,8 +123,9 @@ def test_the_legend_of_many_runs_stays_within_the_figure(write_campaign, tmp_pat
     assert legend.x1 <= whole.x1
 
 
-def test_folders_are_compared(write_campaign, tmp_path):
-    run_campaign(load_campaign(write_campaign()), tmp_path / "one")
+@pytest.mark.usefixtures("undrawn")
+def test_folders_are_compared(finished, write_campaign, tmp_path):
+    shutil.copytree(finished, tmp_path / "one")
     other = write_campaign(
         ("distance = 0.05", "distance = 0.02"), ('name = "fir"', 'name = "taps"')
     )
@@ -131,9 +138,8 @@ def test_folders_are_compared(write_campaign, tmp_path):
     assert text.count("<b>Impulse response") == 1  # the models do not
 
 
-def test_the_response_is_that_of_the_learned_filter(write_campaign, tmp_path):
-    run_campaign(load_campaign(write_campaign()), tmp_path / "out")
-    fir = next(run for run in read_folders([tmp_path / "out"]) if run.label == "fir")
+def test_the_response_is_that_of_the_learned_filter(finished):
+    fir = next(run for run in read_folders([finished]) if run.label == "fir")
     taps = dict(zip(range(-2, 3), fir.theta[-1], strict=True))
     z = np.exp(2j * np.pi * 30.0 * 1e-3)
     expected = sum(value * z**-k for k, value in taps.items())
@@ -147,6 +153,7 @@ def test_weights_are_told_in_words():
     assert in_words("W_e", Zpk([0.5], [0.9, 0.2], 2.0, 1e-3)) == "W_e a filter (1 zero, 2 poles)"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_only_runs_of_equal_error_weights_share_a_panel(write_campaign, tmp_path):
     """Two filters and three vectors of which two are equal, one of them but for one sample."""
     vectors = [[1.0] * 250 + [9.0] * 250, [9.0] * 250 + [1.0] * 250, [1.0] * 250 + [9.0] * 250]
@@ -175,6 +182,7 @@ def test_only_runs_of_equal_error_weights_share_a_panel(write_campaign, tmp_path
     assert "Zpk" not in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_directions_left_out_stand_in_results_and_report(write_campaign, tmp_path):
     """Nine taps of a smooth reference have fewer directions that it shows above 1e-10."""
     path = write_campaign(("preview = 2, lag = 2", "preview = 4, lag = 4"))
@@ -191,6 +199,7 @@ def test_directions_left_out_stand_in_results_and_report(write_campaign, tmp_pat
     assert {update["left_out"] for update in runs["derivatives"].entry["update"]} == {0.0}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_of_an_earlier_version_is_read_and_gone_on_with(write_campaign, tmp_path):
     """Its file has no `left_out`: nothing is said of it."""
     out = tmp_path / "out"

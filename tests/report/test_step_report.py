@@ -135,6 +135,7 @@ def test_of_a_feedforward_of_an_earlier_basis_only_what_the_new_one_cannot_give_
         np.testing.assert_allclose(following, phi @ theta + left, atol=1e-6 * np.abs(f).max())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_check_whose_feedforward_is_not_of_the_basis_is_noted(files, tmp_path):
     pulses = 20.0 * (np.arange(3000) % 1500 < 200)
     check = recorded(servo(90.0, 300.0), -0.5 * motion(3000), feedforward=pulses)
@@ -260,6 +261,7 @@ def test_with_effects_the_headline_is_what_they_leave(files, tmp_path):
     assert "predicted next error" not in facts
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_documented_as_zero_has_no_relative_error(files, tmp_path, capfd):
     path = tmp_path / "basis.toml"
     path.write_text(path.read_text() + "velocity = 0.0\n")
@@ -324,6 +326,7 @@ OBF = 'basis = [{ kind = "obf", poles = [0.3], outside = [1.2] }]\nweights = { e
 FRICTION = 'basis = [{ kind = "friction", velocity = 0.01 }]\nweights = { error = 1.0 }\n'
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("first", "then", "says"),
     [
@@ -353,6 +356,7 @@ def test_a_state_of_other_basis_numbers_is_refused(first, then, says, files, tmp
     assert not (tmp_path / "two").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [

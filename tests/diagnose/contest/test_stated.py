@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from ffl.diagnose import diagnose
+from ffl.diagnose.contest import search
+from ffl.diagnose.contest.earning import earns
 from ffl.diagnose.contest.judging import judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import KEEP
 from ffl.diagnose.contest.stated import begun_as_stated, far_off, in_their_place, let_free
+from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.recorded.trials import prepare
@@ -111,11 +114,37 @@ def test_nobody_is_begun_otherwise_where_nothing_is_far_off(judged):
     assert in_their_place(nothing.scene, held, nothing, [rival], KEEP) == []
 
 
+def test_beside_a_limit_a_lag_joins_in_the_place_of_the_damping(spring):
+    """In noise as loud as here it brings too little for one effect more, and enough for the damping."""
+    loud = replace(spring, machine=replace(spring.machine, force_noise=0.45))
+    device, rng = SimulatedMachine(replace(loud, effects=(LIMIT, LAG))), np.random.default_rng(8)
+    t, noise, base = STEP * np.arange(4000), Noise(5e-9, 0.45), Base.of(loud)
+    first, second, last = (
+        prepare(base.simulator, device.run(np.zeros_like(f), f, rng), 5e-9)
+        for f in (
+            top * np.sin(2 * np.pi * slow * t) * np.sin(2 * np.pi * fast * t)
+            for slow, fast, top in [(0.7, 4.1, 10.0), (0.9, 4.6, 7.0), (1.3, 4.3, 9.0)]
+        )
+    )
+    quiet, held = Scene(loud.loop, (first, second), noise), Scene(loud.loop, (last,), noise)
+    limited = judge(quiet, held, Model(base).with_effect(LIMIT), 10)
+    assert far_off(limited) == {"damping"}
+    lag = fit(quiet, limited.model.with_effect(LAG), rounds=3)
+    stands, rivals, joined = search._one_more(quiet, held, limited, [lag], 25.0, lambda line: None)
+    assert [rival.name for rival in rivals] == [
+        "saturation + actuator_lag"
+    ] * 2  # one begun as stated
+    assert not any(earns(rival, stands, 25.0) for rival in rivals)
+    assert joined is not None
+    assert joined.model.names == ("saturation", "actuator_lag")
+    assert joined.model.unmoved == {"damping"}
+
+
 @pytest.mark.slow(25)
 @pytest.mark.parametrize("effects", [(LIMIT, LAG), (LIMIT, DAMPER)], ids=["lag", "damper"])
 def test_a_limit_has_the_company_that_it_has(spring, recorded, effects):
     """(Beside the limit a lag of 3 ms was a damping of six times the model's.) A damper stays one."""
-    *fitted, judging = (recording[:2500] for recording in recorded(*effects))
+    *fitted, judging = (recording[:1200] for recording in recorded(*effects))
     answer = diagnose(spring, fitted, [judging]).answer()
     told = {e["name"] for e in answer["effects"]}
     assert told == {spec.name for spec in effects}
