@@ -40,7 +40,9 @@ def execute(args: list[str]) -> int:
     except WorkError as error:
         return _fail(str(error), 1)
     except KeyboardInterrupt:
-        return _fail("interrupted; what is complete stays on disk", INTERRUPTED)
+        return _fail(
+            "interrupted: what was complete stays on disk, and nothing is half-written", INTERRUPTED
+        )
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

@@ -215,7 +215,9 @@ def test_interrupt_leaves_what_is_complete(write_campaign, tmp_path, jobs):
     with process.stderr:
         said = process.stderr.read()
     assert process.wait(30) == 130
-    assert said == "ffl: interrupted; what is complete stays on disk\n"
+    assert (
+        said == "ffl: interrupted: what was complete stays on disk, and nothing is half-written\n"
+    )
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     norms = {run["name"]: run["error_norm"] for run in results["runs"]}
     assert len(norms["derivatives"]) == trials_in(tmp_path / "out" / "derivatives.h5")

@@ -73,16 +73,17 @@ def _of_map(
     signed = part.term.along not in ("position", "time")
     finest = KNOTS * float(np.diff(z).max()) if part.term.along != UNEVEN else 0.0
     pool = library(float(z[0]), float(z[-1]), signed, finest, part.term.along == "time")
-    shapes = composed(list(pool), Map(z, r, q), best)
+    seen = Map(z, r, q)
+    shapes = composed(list(pool), seen, best)
     if not shapes:
         return None
-    table = columns_of(shapes, z)
-    weights = np.linalg.lstsq(r @ table, q, rcond=1e-10)[0]
-    left = float(np.sum((q - r @ table @ weights) ** 2))
-    slope = _proportional(part, z, table @ weights, r) if whole else 0.0
+    table = r @ seen.columns(shapes)
+    weights = np.linalg.lstsq(table, q, rcond=1e-10)[0]
+    left = float(np.sum((q - table @ weights) ** 2))
+    slope = _proportional(part, z, seen.columns(shapes) @ weights, r) if whole else 0.0
     if slope:
         shapes, weights = [*shapes, STRAIGHT], np.append(weights, slope)
-        table = columns_of(shapes, z)
+    table = columns_of(shapes, z)
     return Formula(
         _text(part, shapes, weights * scale), z, table @ weights * scale,
         min(1.0, (cost - left) / best) if best > 0 else 0.0,

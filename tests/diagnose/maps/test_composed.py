@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffl.diagnose.maps.composed import Map, columns_of, composed
-from ffl.diagnose.maps.shapes import library
+from ffl.diagnose.maps.shapes import Shape, library
 
 LAWS = {
     "two hinges, a slack strap's": (
@@ -37,7 +37,22 @@ LAWS = {
         ["max(0, {z})"],
         [],
     ),
+    "a slider crank's inertia, five knots a period": (
+        np.linspace(-4.0, 14.0, 29),
+        lambda z: -0.015 * np.cos(2.0 * z),
+        False,
+        ["sin(2 pi {z}/{0} + {phase})"],
+        [np.pi],
+    ),
 }
+
+
+def test_a_line_a_hinge_at_a_knot_and_a_constant_are_drawn_as_they_are():
+    z = np.array([-2.0, -1.0, -0.9, 0.0, 0.5, 3.0])
+    laws = [lambda z: 3.0 * z - 1.0, np.ones_like, lambda z: np.maximum(0.0, z - 0.5)]
+    for law in laws:
+        drawn = Map(z, np.eye(6), z).columns([Shape("", law)])[:, 0]
+        np.testing.assert_allclose(drawn, law(z), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -45,14 +60,14 @@ def test_a_law_is_told_as_it_was_built(name):
     z, law, signed, texts, inner = LAWS[name]
     rng = np.random.default_rng(4)
     r = np.linalg.qr(rng.normal(size=(4 * len(z), len(z))))[1] * 40.0 / np.abs(law(z)).max()
-    q = r @ law(z) + rng.normal(size=len(z))
+    q = r @ Map(z, r, z).columns([Shape("", law)])[:, 0] + rng.normal(size=len(z))
     pool = list(library(z[0], z[-1], signed, 4.0 * np.diff(z).max()))
-    best = float(q @ q)
-    found = composed(pool, Map(z, r, q), best)
+    best, seen = float(q @ q), Map(z, r, q)
+    found = composed(pool, seen, best)
     assert sorted(s.text for s in found) == sorted(texts)
     told = sorted(v for s in found for v in s.inner)
     np.testing.assert_allclose(told, sorted(inner), rtol=0.08)
-    weights = np.linalg.lstsq(r @ columns_of(found, z), q, rcond=None)[0]
+    weights = np.linalg.lstsq(r @ seen.columns(found), q, rcond=None)[0]
     error = columns_of(found, z) @ weights - law(z)
     assert np.abs(error).max() < 0.05 * np.abs(law(z)).max()
 
