@@ -20,10 +20,8 @@ HARDLY = 1e-3  # of a sample: a delay or lag below it is no news to anybody
 NO_NEWS = 1e-6  # of what the plant file has: a change that no engineer would make
 SHARES = ("mass", "damping", "stiffness", APART)  # what y per u at rest, or a stiffness, hangs on
 STEP = 1e-2  # of a change that matters: over which a slope is taken
-OWN = {
-    "coefficient": "damping",
-    "stiffness": "stiffness",
-}  # numbers of effects that a plant has too
+# Numbers of effects that a plant has too.
+OWN = {"coefficient": "damping", "stiffness": "stiffness"}
 AT_ITS_END = 1e-3  # of a bound: as near to it, a number tells nothing
 
 

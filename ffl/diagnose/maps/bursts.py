@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -38,35 +40,34 @@ def heard_in(
     """Bursts in what `standing` has `left`, and how loud it is, beyond what noise does in the machine that
     it makes: what sticks and slips answers noise in bursts, louder than the loop alone would make it; slow
     noise holds few independent samples in a short window and looks like bursts on any machine."""
-    stated = None
-    bursts, loud = events(scene, left), _loudness(scene, standing, left)
+    stated, louder, loud = None, LOUDER, _loudness(scene, standing, left)
+    hear: Callable[[list[Array]], Events] = partial(events, scene)
+    bursts = hear(left)
     if not bursts.found:
         stated = nominal.base.plant
-        bursts = events(scene, left, stated)
-    if (
-        not bursts.found and not standing.effects
-    ):  # names leave reversals and places, which look alike
-        faint = knocks(scene, left)
-        if faint.found:
-            machine, sent = standing.judged_on(scene.trials)
-            alike = imitated(machine.plant(), sent, scene.noise, rng)
-            usual = max((knocks(scene, one.y).ratio for one in alike), default=0.0)
-            return Heard(replace(faint, limit=max(faint.limit, RARER * usual)), False, stated)
+        hear = partial(events, scene, plant=stated)
+        bursts = hear(left)
+    # Names leave reversals and places, which look like pushes.
+    if not (bursts.found or standing.effects) and (faint := knocks(scene, left)).found:
+        bursts, hear, louder = faint, partial(knocks, scene), RARER
     if bursts.found or (standing.effects and loud > QUIET_ENOUGH):
         machine, sent = standing.judged_on(scene.trials)
         alike = imitated(machine.plant(), sent, scene.noise, rng)
-        bursts = _beyond(bursts, scene, alike, stated)
+        bursts = _beyond(bursts, alike, hear, louder)
         if bursts.found:  # a few draws may all be tame
             more = imitated(machine.plant(), sent, scene.noise, rng, MANY)
-            bursts = _beyond(bursts, scene, more, stated)
+            bursts = _beyond(bursts, more, hear, louder)
         loud /= max([1.0, *(_loudness(scene, standing, one.y) for one in alike)])
     return Heard(bursts, loud < QUIET_ENOUGH and not bursts.found, stated)
 
 
-def _beyond(bursts: Events, scene: Scene, alike: list[Imitation], stated: Plant | None) -> Events:
-    """`bursts`, found only where they are louder than those of recordings `alike` in which noise is all."""
-    usual = max((events(scene, one.y, stated).ratio for one in alike), default=0.0)
-    return replace(bursts, limit=max(bursts.limit, LOUDER * usual))
+def _beyond(
+    bursts: Events, alike: list[Imitation], hear: Callable[[list[Array]], Events], louder: float
+) -> Events:
+    """`bursts`, found only where they are `louder` than what is heard in recordings `alike`, in which noise
+    is all."""
+    usual = max((hear(one.y).ratio for one in alike), default=0.0)
+    return replace(bursts, limit=max(bursts.limit, louder * usual))
 
 
 def _loudness(scene: Scene, model: Model, residuals: list[Array]) -> float:

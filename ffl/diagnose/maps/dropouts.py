@@ -30,6 +30,7 @@ from ffl.diagnose.maps.form import held_gain
 from ffl.diagnose.noise.doubt import judged_by
 from ffl.diagnose.noise.least import least_noise
 from ffl.diagnose.noise.whitening import Whitener
+from ffl.diagnose.recorded.knocks import trace_of_push
 from ffl.diagnose.recorded.trials import Trial
 from ffl.systems.state_space import Array
 
@@ -293,10 +294,7 @@ def expected(worth: Array, rate: float) -> Array:
 
 def _trace(scene: Scene, whitener: Whitener, n: int) -> Array:
     """What a unit force of one sample does to the whitened residual, as long as it lasts."""
-    unit = np.zeros(min(MEMORY, n))
-    unit[0] = 1.0
-    steady = whitener.steady
-    trace = steady(np.atleast_1d(scene.loop.process_sensitivity.filter(unit)))
+    trace = trace_of_push(scene, whitener, 1, min(MEMORY, n))
     energy = np.cumsum(trace**2)
     return trace[: int(np.searchsorted(energy, ENERGY * energy[-1])) + 1]
 

@@ -77,10 +77,10 @@ def _of_map(
     shapes = composed(list(pool), seen, best)
     if not shapes:
         return None
-    table = r @ seen.columns(shapes)
-    weights = np.linalg.lstsq(table, q, rcond=1e-10)[0]
-    left = float(np.sum((q - table @ weights) ** 2))
-    slope = _proportional(part, z, seen.columns(shapes) @ weights, r) if whole else 0.0
+    drawn = seen.columns(shapes)
+    weights = np.linalg.lstsq(r @ drawn, q, rcond=1e-10)[0]
+    left = float(np.sum((q - r @ drawn @ weights) ** 2))
+    slope = _proportional(part, z, drawn @ weights, r) if whole else 0.0
     if slope:
         shapes, weights = [*shapes, STRAIGHT], np.append(weights, slope)
     table = columns_of(shapes, z)

@@ -150,8 +150,12 @@ def _what_is_left(ended: Ended, said: Said) -> Said:
         said = said.noted(
             f"what is left is {ended.loud:.2g} times as loud as the plant file's noise can make it"
         )
-    elif said.told and ended.contest.verdict == "named":
-        said = said.noted(*filter(None, [louder_than_noise(ended.standing)]))
+    elif (
+        said.told
+        and ended.contest.verdict == "named"
+        and (more := louder_than_noise(ended.standing))
+    ):
+        said = said.noted(more)
     names, unit = ended.standing.model.names, ended.plant.output_unit
     beyond = unvisited(names, ended.fitted, ended.held_out, unit)
     return said.noted(beyond) if beyond else said

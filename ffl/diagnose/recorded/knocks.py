@@ -4,9 +4,9 @@ In the power of a stretch a push of a few samples to a few hundred hides, in its
 residual, whitened by the noise of the quieter stretches, is held against what a push does to it,
 h = W S_p pulse, S_p the process sensitivity:
 
-    z(k) = sum_i h(i) w(k + i) / |h|
+    z(k) = sum_i h(i) w(k + i)
 
-over z's own median deviation in the recording, which noise of any colour keeps below five.
+over z's own median deviation in the recording, of which noise of any colour reaches about five.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ffl.diagnose.recorded.events import Events, quiet_noise
 from ffl.systems.state_space import Array
 
 LASTING = (4, 8, 16, 32, 64, 128)  # samples that a push is tried to last
-FAR = 5.5  # median deviations that the third of them must reach (nulls: the first at most 4.9)
+FAR = 5.5  # median deviations that the third of them must reach (nulls: below 4.5)
 APART = 32  # samples between one push and the next, at least
 THIRD = 3
 MEMORY = 4096  # samples of what a push does, at most
@@ -42,7 +42,8 @@ def knocks(scene: Scene, residuals: list[Array]) -> Events:
         for trial, whitener, w in zip(quiet.trials, quiet.whiteners, white, strict=True):
             if len(w) < PART * samples:
                 continue
-            z = _deviations(_trace(quiet, whitener, samples, len(w)), w, samples)
+            trace = trace_of_push(quiet, whitener, samples, min(MEMORY, len(w)))
+            z = _deviations(trace, w, samples)
             at, found = find_peaks(np.abs(z), height=0.0, distance=max(2 * samples, APART))
             heights.append(found["peak_heights"])
             begun = trial.start_time + trial.sample_time * (
@@ -59,12 +60,11 @@ def knocks(scene: Scene, residuals: list[Array]) -> Events:
     return clearest
 
 
-def _trace(scene: Scene, whitener: Whitener, samples: int, n: int) -> Array:
-    """What a push of `samples` does to the whitened residual, of length 1."""
-    push = np.zeros(min(MEMORY, n))
+def trace_of_push(scene: Scene, whitener: Whitener, samples: int, n: int) -> Array:
+    """What a push by the unit force that lasts `samples` does to the whitened residual, (n,)."""
+    push = np.zeros(n)
     push[:samples] = 1.0
-    trace = whitener.steady(np.atleast_1d(scene.loop.process_sensitivity.filter(push)))
-    return trace / max(float(np.linalg.norm(trace)), 1e-300)
+    return whitener.steady(np.atleast_1d(scene.loop.process_sensitivity.filter(push)))
 
 
 def _deviations(trace: Array, white: Array, samples: int) -> Array:
