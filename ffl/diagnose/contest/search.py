@@ -108,11 +108,13 @@ def contest(
     )
     for other_way in ways:
         pair = other_way(outcome.standing.scene, outcome.held, outcome.standing, say)
-        if pair is None or scene.work.done:
+        if pair is None:
             continue
         say(f"the other way: {pair.name}")
-        start = pair.scene, pair.held, pair, outcome.steps, {}
-        other = _climb(*start, frozenset(), threshold, most, say)
+        other = Outcome(pair, outcome.steps, pair.held, {})
+        if not scene.work.done:  # found so late it is taken as it is
+            start = pair.scene, pair.held, pair, outcome.steps, {}
+            other = _climb(*start, frozenset(), threshold, most, say)
         alike = set(pair.model.names) == set(other.standing.model.names)
         # Noise has spoken; and a correction needs no lead over an effect.
         told = other_way is on_its_spring or (other_way is shares_off and alike)

@@ -314,3 +314,15 @@ def test_who_dropped_out_makes_room(stage, brief, scenes, monkeypatch):
     outcome = search.contest(scene, held, model, THRESHOLD, most=2)
     beside = friction_and_spring(outcome.standing.model)
     assert beside <= {"periodic_disturbance"}
+
+
+def test_what_another_way_found_when_enough_was_tried_is_not_lost(
+    stage, brief, scenes, monkeypatch
+):
+    scene, held, model = scenes(brief(replace(stage, effects=(FRICTION,))))
+    spent = replace(scene, work=Work(MOST))
+    found = judge(spent, held, model.with_effect(FRICTION), 4)
+    monkeypatch.setattr(search, "two_for_two", lambda *_: found)
+    outcome = search.contest(spent, held, model, THRESHOLD)
+    assert not any(step.accepted for step in outcome.steps)
+    assert outcome.standing is found
