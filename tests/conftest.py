@@ -3,6 +3,7 @@
 import os
 import textwrap
 from collections import Counter
+from concurrent.futures import Future
 from functools import partial
 
 import pytest
@@ -89,6 +90,27 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished")
     run_campaign(load_campaign(write_in(folder)), folder / "done")
     return folder / "done"
+
+
+class Busy:
+    """A pool of threads that begins nothing."""
+
+    def submit(self, *_):
+        return Future()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def undivided(request):
+    """Among processes that have every core, threads that share out a diagnosis take turns, and cost a tenth
+    more of the processor; what they answer is the same. They are at work where they are tested, and in the
+    diagnoses of `test_diagnosis.py`."""
+    shares = request.path.name in ("test_parallel.py", "test_diagnosis.py")
+    if shares or "PYTEST_XDIST_WORKER" not in os.environ:
+        yield
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ffl.diagnose.contest.parallel._POOL", Busy())
+        yield
 
 
 @pytest.fixture
