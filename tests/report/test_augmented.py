@@ -52,7 +52,7 @@ def augmented(tmp_path):
 
 
 @pytest.mark.slow(20)
-def test_a_campaign_runs_with_it_as_model_and_machine(augmented, tmp_path, capfd):
+def test_a_campaign_runs_with_it_as_model_and_machine(augmented, tmp_path, capfd, undrawn):
     campaign = tmp_path / "campaign.toml"
     campaign.write_text(CAMPAIGN)
     out = tmp_path / "out"
