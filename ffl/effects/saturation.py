@@ -9,6 +9,8 @@ from ffl.effects.law import MEAN, SLOPE
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
 
+NEAR = (0.001, 0.003, 0.01, 0.03)  # share of the largest command by which a limit may lie below it
+
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
     """p: limit."""
@@ -37,7 +39,9 @@ class Saturation(Effect):
         if not len(moving):
             return []
         levels = np.quantile(moving, [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999])
-        return [{"limit": float(level)} for level in np.unique(levels)]
+        # A command that is held at its largest has all upper quantiles there.
+        below = moving.max() * (1.0 - np.array(NEAR))
+        return [{"limit": float(level)} for level in np.unique([*levels, *below])]
 
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         limit = nonlinear["limit"]

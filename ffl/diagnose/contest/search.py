@@ -34,6 +34,7 @@ from ffl.diagnose.contest.judging import (
 from ffl.diagnose.contest.lags import plain_lags
 from ffl.diagnose.contest.line import claimants, crosses
 from ffl.diagnose.contest.modes import mode_elsewhere
+from ffl.diagnose.contest.overcome import overcome
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.restraint import as_far_as_told, spoken_against, worse
 from ffl.diagnose.contest.rounds import Outcome, Step, to_the_end
@@ -100,6 +101,7 @@ def contest(
         on_its_spring,
         behind_its_mode,
         two_for_two,
+        overcome,
         untabled,
         within_the_travel,
         begun_late,
