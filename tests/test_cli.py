@@ -411,6 +411,7 @@ def test_identify_writes_its_answer(method, stage_recording, tmp_path, capfd):
         assert [tap["lag"] for tap in answer["taps"]] == [-3, -2, -1, 0, 1, 2, 3]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_identify_says_what_feedback_alone_teaches(stage_recording, tmp_path, capfd):
     """No f: a regression of u on y then finds minus the controller as soon as there is noise."""
     import numpy as np

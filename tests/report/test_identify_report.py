@@ -51,6 +51,7 @@ def test_a_search_that_did_not_end_is_said():
     assert module._unsettled(stopped) == module._unsettled(SimpleNamespace()) == ()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_residual_that_is_not_white_is_said_with_a_linear_model(tmp_path, capfd):
     rng = np.random.default_rng(1)
     u = rng.standard_normal(800)
@@ -124,6 +125,7 @@ def test_a_free_signal_is_no_basis_to_identify(tmp_path, capfd):
     assert "free.toml: basis kind 'free' has no parameters" in capfd.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_recording_too_short_for_any_order_is_bad_input(tmp_path, capfd):
     """Of 28 samples no block can be left out that would still judge; 36 will do."""
     data = written(tmp_path / "a.csv", n_samples=28)
