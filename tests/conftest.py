@@ -3,7 +3,6 @@
 import os
 import textwrap
 from collections import Counter
-from concurrent.futures import Future
 from functools import partial
 
 import pytest
@@ -92,13 +91,6 @@ def finished(tmp_path_factory):
     return folder / "done"
 
 
-class Busy:
-    """A pool of threads that begins nothing."""
-
-    def submit(self, *_):
-        return Future()
-
-
 @pytest.fixture(scope="module", autouse=True)
 def undivided(request):
     """Among processes that have every core, threads that share out a diagnosis take turns, and cost a tenth
@@ -109,7 +101,7 @@ def undivided(request):
         yield
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ffl.diagnose.contest.parallel._POOL", Busy())
+        patch.setattr("ffl.diagnose.contest.parallel.SHARED", False)
         yield
 
 

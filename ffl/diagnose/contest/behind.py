@@ -9,15 +9,7 @@ from functools import partial
 import numpy as np
 
 from ffl.diagnose.contest.dry import DRY, PLAINEST, level_of
-from ffl.diagnose.contest.judging import (
-    Judged,
-    credible,
-    judge,
-    levelled,
-    likeliest,
-    noise_error,
-    raw_error,
-)
+from ffl.diagnose.contest.judging import Judged, best_against, judge, noise_error, raw_error
 from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import KEEP
@@ -60,12 +52,12 @@ def behind_its_mode(
     starts = [_start(model, level, mode) for mode in _modes(quiet, model)]
     tried = sorted(each(partial(_begun, quiet), starts), key=lambda one: one.cost)[:BEST]
     ended = [judge(quiet, held, one.model, 4 * ROUNDS, one) for one in tried]
-    ended = [one for one in ended if credible(one)]
-    if not ended:
+    found = best_against(ended, current)
+    if found is None:
         return None
-    best, stands = levelled([likeliest(ended), current])
-    say(f"  {best.name}, at the load: {best.score - stands.score:+.1f}")
-    return best if best.score > stands.score + KEEP else None
+    best, gained = found
+    say(f"  {best.name}, at the load: {gained:+.1f}")
+    return best if gained > KEEP else None
 
 
 def _modes(quiet: Scene, model: Model) -> list[dict[str, float]]:

@@ -8,7 +8,7 @@ from ffl.diagnose.contest.evenly import TIE
 from ffl.diagnose.contest.judging import Judged, judge, levelled
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
-from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.hypothesis.places import placed
 from ffl.diagnose.noise.spread import error_of
 from ffl.effects.hysteresis import KINDS
 from ffl.systems.plant import EffectSpec
@@ -29,7 +29,7 @@ def as_bristle(held: Scene | None, judged: Judged, outcome: Outcome) -> tuple[Ju
         return judged, outcome
     loop = model.effects[index]
     force, way = (float(loop.parameters[name]) for name in ("force", "displacement"))
-    options = {k: v for k, v in loop.options.items() if k in POINT} | {"kind": BRISTLE}
+    options = placed(loop) | {"kind": BRISTLE}
     values = {"level": force, "stiffness": force / way, "micro_damping": 0.0}
     bristle = EffectSpec(CONTACT, values, options)
     effects = tuple(bristle if k == index else e for k, e in enumerate(model.effects))

@@ -20,7 +20,7 @@ from ffl.diagnose.contest.dry import BY_DIRECTION, FALLING
 from ffl.diagnose.contest.judging import Judged, credible, judge, levelled
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import claims, effect_values, sizes
-from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.hypothesis.places import placed
 from ffl.systems.plant import EffectSpec
 from ffl.systems.state_space import Array
 
@@ -88,14 +88,14 @@ def _pairs(
     other = DRAG if smooth.name == VISCOUS else VISCOUS
     table = np.column_stack([np.ones(len(speed)), (speed / usual) ** power[other]])
     level, most = scipy.optimize.nnls(table, drawn)[0]
-    places = {k: v for k, v in smooth.options.items() if k in POINT}
+    places = placed(smooth)
     beside = EffectSpec(other, {"coefficient": most / usual ** power[other]}, places)
     forms = {
         "coulomb_friction": {"level": level},
         BY_DIRECTION: {"level_positive": level, "level_negative": level},
         FALLING: _falling(level, usual),
     }
-    options = {k: v for k, v in dry.options.items() if k in POINT}
+    options = placed(dry)
     return [(EffectSpec(form, values, options), beside) for form, values in forms.items()]
 
 
@@ -106,7 +106,7 @@ def _steeper(
     (A curve that a damper pulls down falls too slowly and too far; no step on the way to drag helps.)"""
     values, out = dry.parameters, []
     drawn = _dry(dry, speed) + smooth.parameters["coefficient"] * speed
-    options = {k: v for k, v in dry.options.items() if k in POINT}
+    options = placed(dry)
     for share in STEEPER:
         velocity = share * values["stribeck_velocity"]
         falling = np.exp(-((speed / velocity) ** 2))
@@ -125,7 +125,7 @@ def _steeper(
 def _with_load(usual: float, dry: EffectSpec) -> tuple[EffectSpec, EffectSpec]:
     """A Stribeck curve that ends at the mean of the levels by direction, and a load of half of what they
     differ by, at the same place; `usual`: the RMS speed."""
-    options = {k: v for k, v in dry.options.items() if k in POINT}
+    options = placed(dry)
     ways = dry.parameters["level_positive"], dry.parameters["level_negative"]
     curve = _falling(0.5 * sum(ways), usual)
     load = EffectSpec(LOAD, {"force": 0.5 * (ways[1] - ways[0])}, options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import POINT, point_of
+from ffl.diagnose.hypothesis.places import POINT, placed, point_of
 from ffl.diagnose.screen.candidate import Candidate
 from ffl.systems.plant import EffectSpec
 
@@ -88,7 +88,7 @@ def plain_form(spec: EffectSpec) -> EffectSpec | None:
     level = level_of(spec) if spec.name in DRY - {PLAINEST} else None
     if level is None:
         return None
-    options = {k: v for k, v in spec.options.items() if k in POINT}
+    options = placed(spec)
     return EffectSpec(PLAINEST, {LEVEL[PLAINEST]: level}, options)
 
 
@@ -111,5 +111,5 @@ def levels_of(friction: EffectSpec, load: EffectSpec) -> EffectSpec | None:
     if abs(force) >= level:
         return None
     levels = {"level_positive": level - force, "level_negative": level + force}
-    options = {k: v for k, v in friction.options.items() if k in POINT}
+    options = placed(friction)
     return EffectSpec("asymmetric_friction", levels, options)

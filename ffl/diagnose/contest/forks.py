@@ -9,7 +9,7 @@ import numpy as np
 
 from ffl.diagnose.contest.dry import CREEPING, DRY
 from ffl.diagnose.contest.earning import promise
-from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
+from ffl.diagnose.contest.judging import Judged, best_against, judge
 from ffl.diagnose.contest.rounds import Outcome
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.contest.settle import KEEP
@@ -81,11 +81,9 @@ def within_the_travel(
         load = EffectSpec(LOAD, {"force": float(force)}, spring.options)
         other = replace(model, corrections=bare).with_parameters(at, values).with_effect(load)
         tried.append(judge(quiet, held, other, ROUNDS))
-    tried = [j for j in tried if credible(j)]
-    if not tried:
+    found = best_against(tried, current)
+    if found is None:
         return None
-    best = likeliest(tried)
-    ahead, stands = levelled([best, current])
-    gained = ahead.score - stands.score
+    best, gained = found
     say(f"  {HARDENS} within the travel and {LOAD}: {gained:+.1f}")
     return best if gained > -BEHIND else None

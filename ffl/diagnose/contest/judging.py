@@ -280,6 +280,16 @@ def likeliest(judged: Sequence[Judged]) -> Judged:
     return max(levelled(judged), key=lambda j: j.score)
 
 
+def best_against(tried: Sequence[Judged], current: Judged) -> tuple[Judged, float] | None:
+    """(The likeliest credible one of `tried`, its score over that of `current`); None where none is."""
+    sound = [one for one in tried if credible(one)]
+    if not sound:
+        return None
+    best = likeliest(sound)
+    ahead, stands = levelled([best, current])
+    return best, ahead.score - stands.score
+
+
 def raw_error(held: Scene | None, model: Model) -> float:
     """Sum of squares of the held-out free-running error, not whitened."""
     if held is None or not held.trials:

@@ -25,7 +25,7 @@ from ffl.diagnose.contest.judging import raw_error
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.fit import fit
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.hypothesis.places import POINT, Place, places_of
+from ffl.diagnose.hypothesis.places import POINT, Place, placed, places_of
 from ffl.diagnose.noise.noise import Noise
 from ffl.diagnose.noise.whitening import Whitener
 from ffl.diagnose.recorded.trials import extent, prepare
@@ -227,7 +227,7 @@ class _Desk:
                 c
                 for c in self.screen(known).candidates()
                 if c.spec.name not in barred
-                and (at is None or c.place.port != "force" or _at(c.spec) == at)
+                and (at is None or c.place.port != "force" or placed(c.spec) == at)
             ]
             leading: dict[str, Tried] = {}
             for t in self.best([(*known.effects, c.spec) for c in _entrants(seen)], GLIMPSE):
@@ -277,7 +277,7 @@ class _Desk:
         specs = [
             replace(old, options={**free, **p.options})
             for p in self.places()
-            if p.side in effect.sides and p.options != _at(old)
+            if p.side in effect.sides and p.options != placed(old)
         ]
         return self.better(tried, [(*effects[:k], s, *effects[k + 1 :]) for s in specs])
 
@@ -288,7 +288,7 @@ class _Desk:
             others = (*effects[:k], *effects[k + 1 :])
             if old.name in FORMS and self.mismatch(tried):
                 seen = self.screen(replace(tried.plant, effects=others)).candidates(FORMS[old.name])
-                found = [c.spec for c in seen if _at(c.spec) == _at(old)]
+                found = [c.spec for c in seen if placed(c.spec) == placed(old)]
                 each = [(*effects[:k], s, *effects[k + 1 :]) for s in found]
                 tried = self.better(tried, each, WORTH)
         return tried
@@ -324,14 +324,10 @@ def _branches(rounds: Sequence[Sequence[Tried]]) -> list[Tried]:
     return list(first.values())[1 : 1 + BRANCHES]
 
 
-def _at(effect: EffectSpec) -> dict[str, Any]:
-    return {k: v for k, v in effect.options.items() if k in POINT}
-
-
 def _point(plant: Plant) -> dict[str, Any] | None:
     """Where the first force among the effects acts; None: there is none."""
     forces = [e for e in plant.effects if EFFECTS[e.name].port == "force"]
-    return _at(forces[0]) if forces else None
+    return placed(forces[0]) if forces else None
 
 
 def noise_left(plant: Plant, recordings: Sequence[Recording]) -> float:

@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ffl.diagnose.contest.dry import BY_DIRECTION
-from ffl.diagnose.contest.judging import Judged, credible, judge, levelled, likeliest
+from ffl.diagnose.contest.dry import BY_DIRECTION, PLAINEST
+from ffl.diagnose.contest.judging import Judged, best_against, judge
+from ffl.diagnose.contest.parallel import each
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.model import LOAD
-from ffl.diagnose.hypothesis.places import POINT, of_the_machine
+from ffl.diagnose.hypothesis.places import of_the_machine, placed
 from ffl.systems.plant import EffectSpec
 
 NOTHING = 0.05  # of the upper level: a lower one that is as good as none
 SHARES = (0.25, 0.45)  # of the upper level: a friction to begin with, the rest the load's
 ROUNDS = 12
-PLAIN = "coulomb_friction"
 
 
 def overcome(
@@ -39,21 +39,19 @@ def overcome(
     if not min(up, down) < NOTHING * most:
         return None
     bare = model.without(at)
-    options = [{k: v for k, v in levels.options.items() if k in POINT}]
+    options = [placed(levels)]
     options += [place.options for place in of_the_machine(model) if place.options not in options]
-    found: list[Judged] = []
+    starts = []
     for there in options:
         for share in SHARES:
             level = share * most
             force = (level - most) if up > down else (most - level)
-            both = bare.with_effect(EffectSpec(PLAIN, {"level": level}, there))
-            both = both.with_effect(EffectSpec(LOAD, {"force": force}, there))
-            found.append(judge(quiet, held, both, ROUNDS))
-    found = [one for one in found if credible(one)]
-    if not found:
+            both = bare.with_effect(EffectSpec(PLAINEST, {"level": level}, there))
+            starts.append(both.with_effect(EffectSpec(LOAD, {"force": force}, there)))
+    tried = each(lambda start: judge(quiet, held, start, ROUNDS), starts)
+    found = best_against(tried, current)
+    if found is None:
         return None
-    best = likeliest(found)
-    ahead, stands = levelled([best, current])
-    gained = ahead.score - stands.score
-    say(f"  {PLAIN} and {LOAD} for {BY_DIRECTION}: {gained:+.1f}")
+    best, gained = found
+    say(f"  {PLAINEST} and {LOAD} for {BY_DIRECTION}: {gained:+.1f}")
     return best if gained > 0.0 else None

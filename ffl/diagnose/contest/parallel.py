@@ -21,6 +21,7 @@ R = TypeVar("R")
 THREADS = 2
 PAYS = 1.15  # times as fast as one thread: what sharing out must bring
 REST = 30  # calls of the same kind that are not shared out where it did not
+SHARED = True  # False where other processes are known to have every core
 _POOL = ThreadPoolExecutor(THREADS)
 _RESTS: dict[object, int] = {}  # calls left, by the code of the work
 
@@ -34,7 +35,7 @@ def each(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     waiting = list(items)
     kind = getattr(work, "__code__", None)
     rests = _RESTS.get(kind, 0)
-    if len(waiting) < 2 or rests:
+    if len(waiting) < 2 or rests or not SHARED:
         _RESTS[kind] = max(rests - 1, 0)
         return [work(item) for item in waiting]
     done: dict[int, R] = {}

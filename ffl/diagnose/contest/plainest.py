@@ -15,7 +15,7 @@ from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.hypothesis.amounts import NAMES
 from ffl.diagnose.hypothesis.friction_table import NAME as TABLE
 from ffl.diagnose.hypothesis.model import Model
-from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.hypothesis.places import placed
 from ffl.diagnose.noise.spread import error_of
 from ffl.diagnose.recorded.trials import Trial
 from ffl.effects.hysteresis import KINDS
@@ -93,7 +93,7 @@ def _plain(model: Model, index: int, trials: Sequence[Trial]) -> EffectSpec:
         rate = float(spec.parameters["force"]) / float(spec.parameters["displacement"])
         # It begins where the machine stands, between a push either way.
         centre = float(np.mean(np.concatenate([t.y[:1] for t in trials])))
-        options = {k: v for k, v in spec.options.items() if k in POINT}
+        options = placed(spec)
         return EffectSpec(NAMES[SPRING], {SPRING: rate, "centre": centre}, options)
     plain = plain_form(spec)
     assert plain is not None
@@ -113,7 +113,7 @@ def in_the_mean(spec: EffectSpec) -> EffectSpec:
     if spec.name != TABLE or not isinstance(table, Mapping):
         return spec
     levels = {f"level_{way}": float(np.mean(table[way])) for way in ("positive", "negative")}
-    return EffectSpec(BY_DIRECTION, levels, {k: v for k, v in spec.options.items() if k in POINT})
+    return EffectSpec(BY_DIRECTION, levels, placed(spec))
 
 
 def _one_level(judged: Judged, index: int) -> bool:

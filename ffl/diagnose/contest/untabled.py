@@ -24,7 +24,7 @@ from ffl.diagnose.hypothesis.fit import Fit, fit
 from ffl.diagnose.hypothesis.harmonics import with_harmonics
 from ffl.diagnose.hypothesis.ladders import with_best_start
 from ffl.diagnose.hypothesis.model import TABLE, Model
-from ffl.diagnose.hypothesis.places import POINT, of_the_machine
+from ffl.diagnose.hypothesis.places import of_the_machine, placed
 from ffl.diagnose.screen.screen import Screen
 from ffl.effects import EFFECTS, Effect
 from ffl.effects.periods import AGAIN, sine_pair
@@ -95,7 +95,7 @@ def _by_direction(table: EffectSpec) -> EffectSpec | None:
     low, high = sorted(ways.values())
     if low <= 0.0 or high - low < LEVEL * high:
         return None
-    options = {k: v for k, v in table.options.items() if k in POINT}
+    options = placed(table)
     return EffectSpec(BY_DIRECTION, ways, options)
 
 
@@ -108,18 +108,17 @@ def _repeats(table: EffectSpec) -> EffectSpec | None:
     x, force = np.array(levels["grid"]), 0.5 * np.subtract(levels["negative"], levels["positive"])
     span = float(np.ptp(x))
     waves = np.arange(AGAIN / span, 0.5 * (len(x) - 1) / span, PART / span)
-    force = force - force.mean()
 
-    def sine(wave: float) -> tuple[float, Array]:
+    def sine(wave: float) -> tuple[float, float, Array]:
         angle = 2.0 * np.pi * wave * x
         columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(x)])
         drawn = np.linalg.lstsq(columns, force, rcond=1e-9)[0]
-        return float(np.sum((force - columns @ drawn) ** 2)), drawn
+        return float(np.sum((force - columns @ drawn) ** 2)), wave, drawn
 
-    best = min(waves, key=lambda wave: sine(wave)[0], default=None)
-    if best is None:
+    if not len(waves):
         return None
-    return EffectSpec(REPEATS, {"period": 1.0 / best, **sine_pair(sine(best)[1])})
+    _, wave, drawn = min(map(sine, waves), key=lambda one: one[0])
+    return EffectSpec(REPEATS, {"period": 1.0 / wave, **sine_pair(drawn)})
 
 
 def _yielding(table: EffectSpec) -> EffectSpec | None:
@@ -129,6 +128,6 @@ def _yielding(table: EffectSpec) -> EffectSpec | None:
     stiffness, level = table.parameters.get("stiffness"), level_of(table)
     if not stiffness or level is None:
         return None
-    options = {k: v for k, v in table.options.items() if k in POINT}
+    options = placed(table)
     values = {"level": level, "stiffness": stiffness, "micro_damping": 0.0}
     return EffectSpec(CONTACT, values, options)

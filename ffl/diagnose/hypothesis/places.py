@@ -135,6 +135,11 @@ def point_of(spec: EffectSpec) -> Place:
     return Place("force", side, spec.options.get("mass_ratio"))
 
 
+def placed(spec: EffectSpec) -> dict[str, Any]:
+    """The options of an effect that say where it acts, as far as it has any: for another in its place."""
+    return {k: v for k, v in spec.options.items() if k in POINT}
+
+
 def points_of(model: Model) -> set[Place]:
     """Where the forces of `model` act, those of its effects."""
     return {point_of(spec) for spec in model.effects if EFFECTS[spec.name].port == "force"}

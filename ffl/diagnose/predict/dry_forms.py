@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ffl.diagnose.contest.dry import DRY, level_of, plain_form
-from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.hypothesis.places import placed
 from ffl.diagnose.predict.company import along
 from ffl.diagnose.predict.foretold import refitted
 from ffl.diagnose.predict.joining import (
@@ -131,7 +131,7 @@ def _forms(own: EffectSpec, level: float, trials: Sequence[Trial]) -> list[list[
         ],
         "position_dependent_friction": [{"table": table, "level": level}],
     }
-    kept = {k: v for k, v in own.options.items() if k in POINT}
+    kept = placed(own)
     return [
         [EffectSpec(name, one, {**kept, **_kind(name)}) for one in values]
         for name, values in starts.items()

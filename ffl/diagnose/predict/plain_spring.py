@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ffl.diagnose.hypothesis.places import POINT
+from ffl.diagnose.hypothesis.places import placed
 from ffl.diagnose.predict.dry_forms import LEAST
 from ffl.diagnose.predict.foretold import Told, refitted
 from ffl.diagnose.predict.joining import Company, Settled, charged, in_place
@@ -21,7 +21,7 @@ def untightened(company: Company[Told], settled: Settled[Told]) -> Company[Told]
         return company
     rate = float(own.parameters["preload"]) / float(own.parameters["width"])
     values = {"stiffness": rate, "centre": float(own.parameters["centre"])}
-    plain = EffectSpec(PLAIN, values, {k: v for k, v in own.options.items() if k in POINT})
+    plain = EffectSpec(PLAIN, values, placed(own))
     tried = settled(refitted(in_place(found, TIGHTENED, plain), trials), trials)
     rivals = {name: told for name, told in company.rivals.items() if name != TIGHTENED}
     if charged(tried, trials) > charged(found, trials) - LEAST:
