@@ -111,9 +111,22 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("ffl.report.page.image_source", lambda figure: "data:,")
 
 
-def pytest_collection_modifyitems(items):
-    """Modules in the order of the seconds that their `slow` tests state: processes that share out modules
-    wait for one another at the end, where a long one should not begin."""
+def pytest_addoption(parser):
+    parser.addoption(
+        "--whole",
+        action="store_true",
+        help="reproductions of minutes from beginning to end as well",
+    )
+
+
+def pytest_collection_modifyitems(config, items):
+    """What takes minutes only when it is asked for; modules in the order of the seconds that their `slow`
+    tests state: processes that share out modules wait for one another at the end, where a long one should
+    not begin."""
+    if not config.getoption("whole"):
+        left_out = [item for item in items if item.get_closest_marker("whole")]
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
     stated = {
         (item.path, item.originalname): mark.args[0]
         for item in items
