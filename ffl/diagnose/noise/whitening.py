@@ -235,6 +235,7 @@ class Whitener:
             doubt = np.zeros((n + 2, n))
             doubt[:n] = _root(start) / size
             root = _compact(np.hstack([root, doubt]))
+        root = np.ascontiguousarray(root)  # of another layout the recursion would be compiled anew
         parts = a, c, inward / size, outward / size
         gains, scales = _riccati(*parts, root.copy(), steps, np.zeros(0, bool))
         usual = cls(a, c, gains, scales * size)
