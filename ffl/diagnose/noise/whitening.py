@@ -235,13 +235,13 @@ class Whitener:
             doubt = np.zeros((n + 2, n))
             doubt[:n] = _root(start) / size
             root = _compact(np.hstack([root, doubt]))
-        root = np.ascontiguousarray(root)  # of another layout the recursion would be compiled anew
         parts = a, c, inward / size, outward / size
+        # Copies have one layout; of a second the recursion would be compiled anew.
         gains, scales = _riccati(*parts, root.copy(), steps, np.zeros(0, bool))
         usual = cls(a, c, gains, scales * size)
         if lost is None:
             return usual
-        gains, scales = _riccati(*parts, root, len(lost), lost)
+        gains, scales = _riccati(*parts, root.copy(), len(lost), lost)
         return cls(a, c, gains, scales * size, usual)
 
     def __call__(self, columns: Array) -> Array:

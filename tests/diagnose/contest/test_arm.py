@@ -27,7 +27,7 @@ def test_gravity_is_named_where_an_angle_goes_far(stage, references, reach, unit
     rng = np.random.default_rng(4)
     fit, held = (
         machine.run(r, np.zeros_like(r), rng)
-        for r in (np.asarray(r[:1600]) * reach / np.max(np.abs(r[:1600])) for r in references)
+        for r in (r[:1600] * reach / np.max(np.abs(r[:1600])) for r in references)
     )
     answer = diagnose(plant, [fit], [held]).answer()
     names = {effect["name"] for effect in answer["effects"]}
