@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ffl.diagnose.contest.earning import UNTOLD
 from ffl.diagnose.contest.judging import Judged, credible, judge
 from ffl.diagnose.contest.scene import Scene
 from ffl.diagnose.screen.candidate import Candidate
@@ -24,10 +25,20 @@ class Step:
 
     @property
     def refused(self) -> Judged | None:
-        """Who was turned down; where nobody came in, the likeliest of those who might have."""
+        """Who was turned down; where nobody came in, the likeliest of those who might have, or who explains
+        far more of fitted and held-out recordings with numbers that are of no such physics: company may
+        mend them. (A friction without the drag beside it: 72 % more damping stood for that, and its
+        level at speed was 0.)"""
         if self.turned_down is not None or self.accepted is not None:
             return self.turned_down
-        return next((rival for rival in self.rivals if credible(rival)), None)
+        if not self.rivals:
+            return None
+        able = next((rival for rival in self.rivals if credible(rival)), None)
+        first, others = self.rivals[0], [one for one in (self.before, able) if one is not None]
+        far = all(
+            min(first.fitted - one.fitted, first.held_out - one.held_out) > UNTOLD for one in others
+        )
+        return first if far else able
 
     @property
     def joined(self) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from ffl.diagnose.contest.forks import forks, within_the_travel
 from ffl.diagnose.contest.hearing import in_its_noise, quieter
 from ffl.diagnose.contest.judging import (
     Judged,
+    credible,
     granted,
     judge,
     levelled,
@@ -153,7 +154,8 @@ def _with_who_was_turned_down(
     the held-out recordings. All misfit passes for noise where nobody stands: who leaves less of them is
     followed then too. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times the held-out
     error, all three leave a ninetieth. A limit, beside a damping of 57 times the model's for a drag, left
-    half of the squares, and with the drag a ninetieth.)"""
+    half of the squares, and with the drag a ninetieth.) So is
+    who is as much ahead on the held-out recordings, whatever passes for noise there."""
     stood = raw_error(outcome.held, outcome.standing.model)
     scene = outcome.standing.scene
     if scene.work.done:
@@ -163,7 +165,8 @@ def _with_who_was_turned_down(
         one = step.refused
         if one is None or one.fitted - step.before.fitted < UNTOLD:
             continue
-        if noisy and not raw_error(outcome.held, one.model) < CLOSER * stood:
+        told = one.held_out - step.before.held_out > UNTOLD
+        if noisy and not told and not raw_error(outcome.held, one.model) < CLOSER * stood:
             continue  # what is left may be noise
         say(f"the other way: with {one.name}, refused before")
         joined = [s for s in outcome.steps[: outcome.steps.index(step)] if s.accepted is not None]
@@ -173,7 +176,7 @@ def _with_who_was_turned_down(
         )
         left = raw_error(other.held, other.standing.model)
         say(f"  {np.sqrt(left / stood):.2f} times the held-out error")
-        return other if left < HALF * stood else outcome
+        return other if left < HALF * stood and credible(other.standing) else outcome
     return outcome
 
 

@@ -145,6 +145,9 @@ def _shortest(base: Base, spec: EffectSpec, name: str) -> float:
     length = CONTACT * min(base.learned, base.travel)
     if length > 0 and (spec.name, name) == ("hysteresis", "displacement"):
         return float(np.log(length))
-    if length > 0 and (spec.name, name) == ("presliding_friction", "stiffness"):
-        return float(np.log(spec.parameters["level"] / (1.4 * length)))
+    level = spec.parameters.get(
+        "level", 0.0
+    )  # 0 of one begun in the place of what vanished at speed
+    if min(length, level) > 0 and (spec.name, name) == ("presliding_friction", "stiffness"):
+        return float(np.log(level / (1.4 * length)))
     return -np.inf

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ffl.diagnose.contest import rounds
@@ -22,9 +24,37 @@ from ffl.diagnose.contest.rounds import Outcome, Step
 def test_the_refused_is_who_was_turned_down_or_who_might_have_come_in(  # type: ignore[no-untyped-def]
     accepted, turned_down, refused, monkeypatch
 ):
-    monkeypatch.setattr(rounds, "credible", lambda rival: rival != "mode")
-    step = Step(SimpleNamespace(), (), ("mode", "friction", "load"), accepted, turned_down)
-    assert step.refused == refused
+    step = refusing(monkeypatch, (10.0, 10.0), (5.0, 5.0))
+    step = replace(step, accepted=accepted, turned_down=turned_down)
+    assert getattr(step.refused, "name", step.refused) == refused
+
+
+def refusing(monkeypatch, *gained):  # type: ignore[no-untyped-def]
+    """A step that took none; fitted and held-out log-likelihoods of a mode that is no mode, of a friction
+    and so on."""
+    monkeypatch.setattr(rounds, "credible", lambda rival: rival.name != "mode")
+    rivals = tuple(
+        SimpleNamespace(name=name, fitted=fitted, held_out=held_out)
+        for name, (fitted, held_out) in zip(("mode", "friction"), gained, strict=False)
+    )
+    return Step(SimpleNamespace(fitted=0.0, held_out=0.0), (), rivals, None)
+
+
+@pytest.mark.parametrize(
+    ("gained", "followed"),
+    [
+        (((550.0, 645.0), (250.0, -168.0)), "mode"),
+        (((550.0, 645.0),), "mode"),  # nobody else is there
+        (((550.0, 645.0), (400.0, -168.0)), "friction"),  # fitted it is not far ahead
+        (((550.0, 145.0), (250.0, -168.0)), "friction"),  # nor on what judges, of nothing at all
+        (((550.0, -np.inf),), None),
+        ((), None),
+    ],
+)
+def test_who_is_far_ahead_is_gone_on_with_whatever_its_numbers_are_without_company(  # type: ignore[no-untyped-def]
+    gained, followed, monkeypatch
+):
+    assert getattr(refusing(monkeypatch, *gained).refused, "name", None) == followed
 
 
 def test_whoever_was_tried_is_who_came_in_and_then_the_likeliest_of_the_others():

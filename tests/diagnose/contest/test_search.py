@@ -151,25 +151,28 @@ def test_claimants_are_held_on_the_line_under_one_noise(stage, brief, scenes, mo
 
 
 @pytest.mark.parametrize(
-    ("gained", "alone", "left", "noise", "tried", "followed", "stands"),
+    ("gained", "alone", "left", "believed", "noise", "tried", "followed", "stands"),
     [
-        (500.0, 110.0, 30.0, 1.0, (), True, True),
-        (500.0, 110.0, 80.0, 1.0, (), True, False),  # not half of what was left
-        (100.0, 110.0, 30.0, 1.0, (), False, False),  # the fitted recordings gained little by it
-        (500.0, 110.0, 30.0, 60.0, (), False, False),  # what is left may be noise
-        (500.0, 55.0, 30.0, 60.0, (), True, True),  # and of that noise it takes half
-        (500.0, 110.0, 30.0, 1.0, (MOST,), False, False),  # enough was tried
-        (500.0, 110.0, 30.0, 1.0, (9, MOST_STEPS), False, False),  # so few, and so long
+        ((500.0, 0.0), 110.0, 30.0, True, 1.0, (), True, True),
+        ((500.0, 0.0), 110.0, 30.0, False, 1.0, (), True, False),  # of no such physics in the end
+        ((500.0, 0.0), 110.0, 80.0, True, 1.0, (), True, False),  # not half of what was left
+        ((100.0, 0.0), 110.0, 30.0, True, 1.0, (), False, False),  # fitted it gained little
+        ((500.0, 0.0), 110.0, 30.0, True, 60.0, (), False, False),  # what is left may be noise
+        ((500.0, 0.0), 55.0, 30.0, True, 60.0, (), True, True),  # and of that noise it takes half
+        ((500.0, 300.0), 110.0, 30.0, True, 60.0, (), True, True),  # none: far ahead held out
+        ((500.0, 0.0), 110.0, 30.0, True, 1.0, (MOST,), False, False),  # enough was tried
+        ((500.0, 0.0), 110.0, 30.0, True, 1.0, (9, MOST_STEPS), False, False),  # so few, and long
     ],
 )
 def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
-    gained, alone, left, noise, tried, followed, stands, monkeypatch
+    gained, alone, left, believed, noise, tried, followed, stands, monkeypatch
 ):
-    def standing(name, fitted=0.0):  # type: ignore[no-untyped-def]
+    def standing(name, fitted=0.0, held_out=0.0):  # type: ignore[no-untyped-def]
         scene = SimpleNamespace(work=Work(*tried))
-        return SimpleNamespace(name=name, model=name, fitted=fitted, scene=scene, held=None)
+        said = {"fitted": fitted, "held_out": held_out, "scene": scene, "held": None}
+        return SimpleNamespace(name=name, model=name, **said)
 
-    nothing, first, friction = standing("nothing"), standing("load"), standing("friction", gained)
+    nothing, first, friction = standing("nothing"), standing("load"), standing("friction", *gained)
     steps = [
         Step(nothing, (), (), first),
         Step(nothing, (), (), None, turned_down=friction),
@@ -186,6 +189,7 @@ def test_it_goes_on_with_who_was_turned_down_where_that_halves_what_is_left(
     errors = {"stood": 100.0, "friction": alone, "other": left}
     monkeypatch.setattr(search, "raw_error", lambda _, model: errors[model])
     monkeypatch.setattr(search, "noise_error", lambda *_: noise)
+    monkeypatch.setattr(search, "credible", lambda _: believed)
     found = search._with_who_was_turned_down(outcome, THRESHOLD, 3, lambda line: None)
     assert asked == ([(friction, [first, friction], True)] if followed else [])
     assert found is (other if stands else outcome)
