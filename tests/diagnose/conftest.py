@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
@@ -35,16 +37,28 @@ def stage() -> Plant:
     )  # fmt: skip
 
 
-@pytest.fixture
-def no_play_sought(monkeypatch):  # type: ignore[no-untyped-def]
-    """What a contest leaves is not looked at for a play, which takes longer than all the rest where more is
-    left than the stated noise; that has tests of its own, in predict/."""
+@pytest.fixture(scope="session")
+def play_left_alone():  # type: ignore[no-untyped-def]
+    """Within `with play_left_alone():` what a contest leaves is not looked at for a play, which takes
+    longer than all the rest where more is left than the stated noise; tests in predict/ do look."""
 
     def untouched(scene, held, outcome, *_):  # type: ignore[no-untyped-def]
         return outcome
 
-    for search in ("with_rattling", "with_loose_head"):
-        monkeypatch.setattr(diagnosis, search, untouched)
+    @contextmanager
+    def patched():  # type: ignore[no-untyped-def]
+        with pytest.MonkeyPatch.context() as patch:
+            for search in ("with_rattling", "with_loose_head"):
+                patch.setattr(diagnosis, search, untouched)
+            yield
+
+    return patched
+
+
+@pytest.fixture
+def no_play_sought(play_left_alone):  # type: ignore[no-untyped-def]
+    with play_left_alone():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -60,12 +60,15 @@ def buffer(x, v):  # type: ignore[no-untyped-def]
 
 
 @pytest.fixture(scope="module")
-def stopped(stage, references):  # type: ignore[no-untyped-def]
+def stopped(stage, references, play_left_alone):  # type: ignore[no-untyped-def]
+    """Three moves each."""
     rng = np.random.default_rng(3)
     fitted, judging = (
-        recorded(stage, r, buffer, rng, f"run_{k}.csv") for k, r in enumerate(references[::-1])
+        recorded(stage, r[:2000], buffer, rng, f"run_{k}.csv")
+        for k, r in enumerate(references[::-1])
     )
-    return diagnose(stage, [fitted], [judging])
+    with play_left_alone():
+        return diagnose(stage, [fitted], [judging])
 
 
 @pytest.mark.slow(40)
