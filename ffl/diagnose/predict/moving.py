@@ -19,16 +19,17 @@ FAR, SCALE = 0.2, (0.1, 3.0)  # of a unit, where a search for doubt begins; of a
 STEEP, REACHES = 20.0, 8  # times the roughness: a fall that tells a curvature, and tries to find it
 MOVES = (0.2, 0.1, 0.05)  # of a number's unit, one after the other
 SURE = 2.0  # standard errors that a play must be wide
+MANY = 8  # knots of a table: more are not moved one by one
 BRACKET = (0.5, 1.5)  # times a gap, between which it is
 
 
 def moved(
     point: Told, trials: Sequence[Trial], sizes: Sequence[float] = MOVES, *, mass: bool = False
 ) -> Told:
-    """All numbers of the effects, and the mass, moved one by one as long as it helps."""
+    """All numbers of the effects but for `knots`, and the mass, moved one by one as long as it helps."""
     worth = point.worth(trials)
-    coordinates = point.model.coordinates
-    own = [k for k, c in enumerate(coordinates) if c.kind != "correction"]
+    coordinates, tables = point.model.coordinates, knots(point.model)
+    own = [k for k, c in enumerate(coordinates) if c.kind != "correction" and k not in tables]
     for size in sizes:
         for k in [*(masses(point.model) if mass else ()), *own]:
             way = np.zeros(len(coordinates))
@@ -126,3 +127,11 @@ def gap_at(model: Model) -> int:
 def masses(model: Model) -> list[int]:
     """Which coordinates are the mass's."""
     return [k for k, c in enumerate(model.coordinates) if c.key[:2] == ("correction", "mass")]
+
+
+def knots(model: Model) -> list[int]:
+    """Which coordinates are those of tables, where these are `MANY`: as derivatives tell them, they stay
+    while a play is looked for. (A table of friction by position in each direction beside a play of the
+    head: no answer within 600 s. Blind case 20270204/0012.)"""
+    own = [k for k, c in enumerate(model.coordinates) if c.place is not None]
+    return own if len(own) > MANY else []

@@ -334,3 +334,15 @@ def test_noise_is_as_slow_as_it_foretells_better(stage, references, slow):  # ty
     found, heard = whitened(begun, scene, prior, scene.trials)
     assert heard.noise == found.noise == (scene.noise if slow else prior)
     assert found.worth(scene.trials) >= begun.worth(scene.trials)
+
+
+@pytest.mark.parametrize(("places", "stay"), [(3, False), (9, True)])
+def test_a_long_table_keeps_its_shape_while_a_play_is_looked_for(seen, places, stay):  # type: ignore[no-untyped-def]
+    scene, _, model = seen(PLAY, samples=900)
+    grid = np.linspace(-0.06, 0.06, places).tolist()
+    flat = {"grid": grid, "positive": [1.0] * places, "negative": [1.0] * places}
+    rough = EffectSpec("position_dependent_friction", {"level": 0.2, "table": flat})
+    begun = Slip(replace(model, effects=(rough, PLAY)), NOISE)
+    found = regapped(begun, scene.trials)
+    assert found.worth(scene.trials) > begun.worth(scene.trials)
+    assert (found.model.effects[0].parameters["table"] == flat) is stay
