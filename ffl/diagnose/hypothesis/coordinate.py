@@ -145,9 +145,7 @@ def _shortest(base: Base, spec: EffectSpec, name: str) -> float:
     length = CONTACT * min(base.learned, base.travel)
     if length > 0 and (spec.name, name) == ("hysteresis", "displacement"):
         return float(np.log(length))
-    level = spec.parameters.get(
-        "level", 0.0
-    )  # 0 of one begun in the place of what vanished at speed
+    level = spec.parameters.get("level", 0.0)  # 0: begun where the level at speed had vanished
     if min(length, level) > 0 and (spec.name, name) == ("presliding_friction", "stiffness"):
         return float(np.log(level / (1.4 * length)))
     return -np.inf

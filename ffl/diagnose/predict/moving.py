@@ -130,8 +130,8 @@ def masses(model: Model) -> list[int]:
 
 
 def knots(model: Model) -> list[int]:
-    """Which coordinates are those of tables, where these are `MANY`: as derivatives tell them, they stay
-    while a play is looked for. (A table of friction by position in each direction beside a play of the
-    head: no answer within 600 s. Blind case 20270204/0012.)"""
+    """Which coordinates are knots of tables, where there are more than `MANY`: none is moved by itself, and
+    all stay as they are while a play is looked for. (Friction by position in each direction beside a play
+    of the head: no answer within 600 s. Blind case 20270204/0012.)"""
     own = [k for k, c in enumerate(model.coordinates) if c.place is not None]
     return own if len(own) > MANY else []

@@ -267,3 +267,12 @@ def test_a_loop_and_a_contact_are_told_apart_by_the_travel_that_is_learned_from(
         least = longest if name == "hysteresis" else numbers["level"] / (1.4 * longest)
         wanted = max(np.log(least), np.log(numbers[parameter]) - 3.0)
         assert lower == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_contact_whose_level_begins_at_nothing_is_as_soft_as_may_be(stage):  # type: ignore[no-untyped-def]
+    """In the place of a friction that had vanished at speed: warned of a logarithm of 0 (7428/0002)."""
+    spec = EffectSpec("presliding_friction", {"level": 0.0, "stiffness": 900.0})
+    (stiffness,) = (
+        c for c in Model(Base.of(stage, 0.1), effects=(spec,)).coordinates if c.name == "stiffness"
+    )
+    assert stiffness.lower == pytest.approx(np.log(900.0) - 3.0, abs=1e-6)
