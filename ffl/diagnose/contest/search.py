@@ -151,11 +151,11 @@ def _with_who_was_turned_down(
 ) -> Outcome:
     """Where the first that was refused brought the fitted recordings very much, it goes on from there with
     nobody turned down; what it comes to stands only if it leaves less than `HALF` of what was left in
-    the held-out recordings. All misfit passes for noise where nobody stands: who leaves less of them is
-    followed then too. (Stribeck friction, drag and a spring: the friction alone cost 1.1 times the held-out
-    error, all three leave a ninetieth. A limit, beside a damping of 57 times the model's for a drag, left
-    half of the squares, and with the drag a ninetieth.) So is
-    who is as much ahead on the held-out recordings, whatever passes for noise there."""
+    the held-out recordings, with credible numbers. All misfit passes for noise where nobody stands: who
+    leaves less of them, or explains them by very much, is followed then too. (Stribeck friction, drag and
+    a spring: the friction alone cost 1.1 times the held-out error, all three leave a ninetieth. A limit,
+    beside a damping of 57 times the model's for a drag, left half of the squares, and with the drag a
+    ninetieth.)"""
     stood = raw_error(outcome.held, outcome.standing.model)
     scene = outcome.standing.scene
     if scene.work.done:

@@ -36,7 +36,7 @@ from ffl.diagnose.predict.joining import (
     joined,
     proven,
 )
-from ffl.diagnose.predict.moving import bracketed, doubted, gap_at, knots, moved, vague
+from ffl.diagnose.predict.moving import bracketed, doubted, gap_at, long_tables, moved, vague
 from ffl.diagnose.predict.plain_spring import untightened
 from ffl.diagnose.predict.play import GLANCE, LOOK, LOOSENESS, PROMISES, loosened, shortened
 from ffl.diagnose.predict.rattling import (
@@ -203,15 +203,15 @@ def spared(begun: Slip, scene: Scene, stood: Model) -> bool:
 
 
 def regapped(found: Slip, trials: Sequence[Trial]) -> Slip:
-    """All numbers but for the knots of a table fitted again under less and less force noise beyond its own,
+    """All numbers but for `long_tables` fitted again under less and less force noise beyond its own,
     the gap by itself before: who was missing may have been in it, and where the filter is sure its valleys
     are many and narrow."""
     noise, begun = found.noise, found
     for loose in LOOSENESS[1:]:
         found = replace(found, noise=loosened(noise, loose))
-        found = refitted(rescanned(found, trials), trials, knots(found.model))
+        found = refitted(rescanned(found, trials), trials, long_tables(found.model))
     best = max((begun, found), key=lambda h: h.worth(trials))
-    return refitted(moved(best, trials, POLISH), trials, knots(best.model))
+    return refitted(moved(best, trials, POLISH), trials, long_tables(best.model))
 
 
 def whitened(

@@ -26,10 +26,11 @@ BRACKET = (0.5, 1.5)  # times a gap, between which it is
 def moved(
     point: Told, trials: Sequence[Trial], sizes: Sequence[float] = MOVES, *, mass: bool = False
 ) -> Told:
-    """All numbers of the effects but for `knots`, and the mass, moved one by one as long as it helps."""
+    """All numbers of the effects but for `long_tables`, and the mass, moved one by one as long as it
+    helps."""
     worth = point.worth(trials)
-    coordinates, tables = point.model.coordinates, knots(point.model)
-    own = [k for k, c in enumerate(coordinates) if c.kind != "correction" and k not in tables]
+    coordinates, shapes = point.model.coordinates, long_tables(point.model)
+    own = [k for k, c in enumerate(coordinates) if c.kind != "correction" and k not in shapes]
     for size in sizes:
         for k in [*(masses(point.model) if mass else ()), *own]:
             way = np.zeros(len(coordinates))
@@ -129,9 +130,9 @@ def masses(model: Model) -> list[int]:
     return [k for k, c in enumerate(model.coordinates) if c.key[:2] == ("correction", "mass")]
 
 
-def knots(model: Model) -> list[int]:
+def long_tables(model: Model) -> list[int]:
     """Which coordinates are knots of tables, where there are more than `MANY`: none is moved by itself, and
-    all stay as they are while a play is looked for. (Friction by position in each direction beside a play
-    of the head: no answer within 600 s. Blind case 20270204/0012.)"""
+    beside a play of the head all stay until it has been found. (Friction by position in each direction
+    beside such a play: no answer within 600 s. Blind case 20270204/0012.)"""
     own = [k for k, c in enumerate(model.coordinates) if c.place is not None]
     return own if len(own) > MANY else []

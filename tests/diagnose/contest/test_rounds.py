@@ -24,7 +24,7 @@ from ffl.diagnose.contest.rounds import Outcome, Step
 def test_the_refused_is_who_was_turned_down_or_who_might_have_come_in(  # type: ignore[no-untyped-def]
     accepted, turned_down, refused, monkeypatch
 ):
-    step = refusing(monkeypatch, (10.0, 10.0), (5.0, 5.0))
+    step = refusing(monkeypatch, (10.0, 10.0), (5.0, 5.0), (1.0, 1.0))
     step = replace(step, accepted=accepted, turned_down=turned_down)
     assert getattr(step.refused, "name", step.refused) == refused
 
@@ -35,7 +35,7 @@ def refusing(monkeypatch, *gained):  # type: ignore[no-untyped-def]
     monkeypatch.setattr(rounds, "credible", lambda rival: rival.name != "mode")
     rivals = tuple(
         SimpleNamespace(name=name, fitted=fitted, held_out=held_out)
-        for name, (fitted, held_out) in zip(("mode", "friction"), gained, strict=False)
+        for name, (fitted, held_out) in zip(("mode", "friction", "load"), gained, strict=False)
     )
     return Step(SimpleNamespace(fitted=0.0, held_out=0.0), (), rivals, None)
 
