@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffl.diagnose.contest.earning import beyond_noise
 from ffl.diagnose.contest.judging import (
     Judged,
     charged,
@@ -30,6 +31,7 @@ MISSED = 1.2  # mean square of a held-out run, whitened, from which stated numbe
 GAINED = 4.0  # log-likelihood of both kinds of recordings that they must bring
 TOLD = 3.0  # standard errors from which a number is told; where none is, stated ones must bring nothing
 WORSE = 1.2  # held-out sum of squares that one more effect may cost, of what it was or noise makes
+MUCH_WORSE = 2.0  # the same of one that brings the fitted recordings more than their noise is
 BY_CHANCE = 0.05  # of noise that makes more
 ROUNDS = 6
 TRIED = 2  # of those whom only recordings that judge speak against
@@ -39,7 +41,8 @@ def worse(held: Scene | None, judged: Judged, before: Judged, now: float, then: 
     """Whether `judged`, less likely than `before` on the held-out recordings, leaves more there, `now`
     for `then` (sums of squares), than one further effect may cost and than noise leaves."""
     one, other = levelled([judged, before])
-    if one.held_out >= other.held_out or now <= WORSE * then:
+    most = MUCH_WORSE if beyond_noise(one, other) else WORSE
+    if one.held_out >= other.held_out or now <= most * then:
         return False
     return now > WORSE * noise_error(held, judged.scene, BY_CHANCE)
 

@@ -85,12 +85,25 @@ def _changed(promised: float, shown: float) -> tuple[np.ndarray, np.ndarray]:
     return before, after * np.exp(-shown * promised / SAMPLES)
 
 
-@pytest.mark.parametrize(("shown", "earned"), [(0.0, False), (0.05, False), (0.15, True)])
-def test_what_would_show_where_it_is_judged_must_show_there(monkeypatch, shown, earned):
-    """A further effect changes what is left there by 77 nats: a tenth of them at least it must gain."""
+@pytest.mark.parametrize(
+    ("samples", "shown", "earned"),
+    [
+        (4000, 0.0, False),
+        (4000, 0.05, False),
+        (4000, 0.15, True),
+        (1400, 0.0, True),
+        (1400, -0.1, True),
+        (1400, -0.3, False),
+    ],
+)
+def test_what_would_show_where_it_is_judged_must_show_there(monkeypatch, samples, shown, earned):
+    """A further effect changes what is left there by 77 nats: a tenth of them at least it must gain. But
+    one that brings the fitted recordings more than a nat a sample may lose a hundredth of that there."""
     monkeypatch.setattr(earning, "credible", lambda judged: True)
     before, after = _changed(PROMISED, shown)
-    assert earns(_judged(after, FITTED, Further), _judged(before, 0.0, Further), 0.0) is earned
+    base, rival = _judged(before, 0.0, Further), _judged(after, FITTED, Further)
+    base.fit.white = np.zeros(samples)
+    assert earns(rival, base, 0.0) is earned
 
 
 @pytest.mark.parametrize(

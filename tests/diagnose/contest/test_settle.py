@@ -76,6 +76,19 @@ def test_forms_of_one_friction_begin_from_the_level_that_stands() -> None:
     assert begun(LEVEL, "hysteresis", force=9.0) == []
 
 
+def test_what_acts_late_begins_as_late_as_what_stands() -> None:
+    """A screen beside friction that was fitted with a delay of 1.3 ms saw a lag of 0.2 ms, truth 2.2 ms."""
+
+    def begun(spec, other):  # type: ignore[no-untyped-def]
+        return as_it_stands(spec, SimpleNamespace(spec=other))  # type: ignore[arg-type]
+
+    delay, lag = (EffectSpec(*one) for one in LATE)
+    assert begun(delay, EffectSpec("actuator_lag", {"time_constant": 2e-4})) == [lag]
+    assert begun(lag, EffectSpec("input_delay", {"delay": 2e-4})) == [delay]
+    assert begun(lag, EffectSpec("coulomb_friction", {"level": 1.0})) == []
+    assert begun(LEVEL, EffectSpec("input_delay", {"delay": 2e-4})) == []
+
+
 @pytest.mark.parametrize("source", ["", "ffl identify linear of a long recording"])
 def test_friction_that_creeps_comes_in_the_place_of_dry_friction_beside_a_model_that_was_identified(
     stage, record, source
@@ -127,6 +140,8 @@ def test_the_contact_that_a_hysteresis_is_as_stiff_as_is_tried(with_friction, mo
 
 
 RIPPLE = EffectSpec("encoder_ripple", {"amplitude": 1e-9, "period": 4e-3, "phase": 0.0})
+
+LATE = (("input_delay", {"delay": 1.3e-3}), ("actuator_lag", {"time_constant": 1.3e-3}))
 
 
 @pytest.fixture(scope="module")
