@@ -91,7 +91,7 @@ def _gains(rival: Judged, base: Judged, threshold: float) -> bool:
 
 
 def beyond_noise(rival: Judged, base: Judged) -> bool:
-    """Whether `rival` gains over `base`, both in the same noise, as much as all noise of the fitted recordings."""
+    """Whether `rival` gains over `base`, both in the same noise, as much as all fitted noise is."""
     return charged(rival, base) > BEYOND * len(base.fit.white)
 
 

@@ -102,7 +102,7 @@ def test_who_leaves_more_by_stated_numbers_too_is_turned_down(scene_and_held):  
 def test_who_brings_the_fitted_recordings_more_than_their_noise_may_leave_half_more_held_out(
     scene_and_held,
 ):  # type: ignore[no-untyped-def]
-    """A lag beside friction that sticks: 39,000 gained of 20,892 samples, 1.3 times the squares held out."""
+    """A lag beside friction that sticks: 39,000 gained of 20,892 samples, 1.3 times as much held out."""
     scene, held, model = scene_and_held
     pulled = model.with_effect(EffectSpec("constant_load", {"force": 2.0}))
     before, judged = (judge(scene, held, one, 0) for one in (model, pulled))
