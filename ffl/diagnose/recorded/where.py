@@ -64,11 +64,11 @@ def forces(scene: Scene, model: Model) -> Forces | None:
     The effects' own force plus the least force beside it (`wiener`) that explains the residual left. None
     where all of that force belongs to the linear part (viscous friction): a line at 0 would say nothing.
     """
+    model, (trial,) = model.judged_on(scene.trials[:1])  # an amplifier's effects may be behind it
     acting = model.acting[: len(model.effects)]  # in the order in which they act
     kinds = [EFFECTS[e.name].port == "force" for e in acting]
     if not any(kinds):
         return None
-    trial = scene.trials[0]
     run = model.simulate(trial)
     fitted = (
         run.contribution[:, : len(kinds)][:, kinds].sum(axis=1) * model.simulator.force_per_input

@@ -21,3 +21,12 @@ def test_what_a_limit_cuts_off_is_no_law_of_friction(stage, record, scenes, effe
     drawn = forces(scene, replace(model, effects=effects))
     assert np.abs(drawn.fitted).max() == pytest.approx(2.0, rel=1e-6)
     assert forces(scene, replace(model, effects=(LIMIT,))) is None
+
+
+def test_forces_behind_an_amplifier_are_drawn_where_an_observer_leads(stage, record, scenes):
+    """There the machine is run behind its amplifier, whose effects are not among those of the run."""
+    lost, effects = EffectSpec("dead_zone", {"half_width": 0.2}), (DRY,)
+    scene, _, model = scenes(record(replace(stage, effects=(lost, *effects))))
+    led = replace(model, base=replace(model.base, observed=True), effects=(*effects, lost))
+    drawn = forces(scene, led)
+    assert np.abs(drawn.fitted).max() == pytest.approx(2.0, rel=1e-6)
