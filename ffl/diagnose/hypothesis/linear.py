@@ -13,6 +13,8 @@ apart        of a process of two real lags, in place of the stiffness: change of
 mode_i_frequency, mode_i_damping   relative changes of w and of zeta of a further mode, the numerator of its
              share of y (position and velocity as the sensor sees them) as it was;
 mode_i_share   relative change of that share: of what u makes of the mode;
+mode_i_lead    of that share (q + p s)/(s^2 + d s + k): change of p, in units of q/k^(1/2), which the first
+             mode's share loses, so that y answers u no sooner than it did;
 gain, time_constant   of a plant without modes, one lag: relative change of either.
 
 `without_zero` is a choice, not a number that is fitted: the zero of two lags goes.
@@ -40,6 +42,7 @@ WITHOUT_ZERO, APART = "without_zero", "apart"
 BOUND = 2 * np.pi * 0.05  # rad/s: a first mode below it is as good as free
 LIGHTEST = -0.95  # relative: a mass that also stood for a lag may be many times too large
 NEARLY_ONE = 0.999  # a slower lag of two is as good as an integrator
+AT_ONCE = 0.05  # two masses on a spring have 0.003 to 0.015, a car's suspension 0.11
 KEPT = 64  # corrected simulators: more than one Jacobian asks for
 BOUND_PER_SAMPLE = BOUND * 1e-3  # the same for processes that are sampled slower than 1 kHz
 
@@ -87,6 +90,7 @@ def corrections_of(mechanics: Mechanics, process: bool = False) -> tuple[Correct
         out.append(Correction(f"mode_{i}_frequency", 0.005, -0.3, 0.3))
         out.append(Correction(f"mode_{i}_damping", 0.2, -0.9, 20.0))
         out.append(Correction(f"mode_{i}_share", 0.005, -0.3, 0.3, asked=True))
+        out.append(Correction(f"mode_{i}_lead", 0.005, -0.3, 0.3, asked=True))
     return tuple(out)
 
 
@@ -102,6 +106,18 @@ def changed_stiffness(mechanics: Mechanics, values: Mapping[str, float]) -> floa
     damping, stiffness = modal_terms(mechanics, mechanics.modes[0])
     apart = _apart(damping, stiffness) + values[APART]
     return (0.5 * (damping + values.get("damping", 0.0))) ** 2 * (1.0 - apart**2) / stiffness - 1.0
+
+
+def damped_together(mechanics: Mechanics) -> bool:
+    """Whether dampers join the modes: the share of one in y, (q + p s)/(s^2 + d s + k), answers u at once
+    by more than `AT_ONCE` of what it does in one radian."""
+    for mode in mechanics.modes[1:]:
+        damping, stiffness = modal_terms(mechanics, mode)
+        p = float(mode.position @ mechanics.b)
+        q = float(mode.velocity @ mechanics.b) + damping * p
+        if abs(p) * np.sqrt(stiffness) > AT_ONCE * abs(q):
+            return True
+    return False
 
 
 def has_zero(mechanics: Mechanics) -> bool:
@@ -138,7 +154,7 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
     gain = 1.0 / (1.0 + values.get("mass", 0.0))
     if values.get(WITHOUT_ZERO):
         b = _without_zero(mechanics)
-    modes = []
+    moved = []  # (d, k) of each mode anew, and its push
     for i, mode in enumerate(mechanics.modes):
         damping, stiffness = modal_terms(mechanics, mode)
         push = mode.force / mode.residue
@@ -147,24 +163,37 @@ def corrected(mechanics: Mechanics, values: Mapping[str, float]) -> Mechanics:
             new_k = stiffness * (1.0 + changed_stiffness(mechanics, values)) * gain
             if APART in values:  # a process has a gain, not a mass
                 new_d, new_k = new_d / gain, new_k / gain
+            first = _position(mechanics, push, damping - new_d)
         else:
             w = 1.0 + values.get(f"mode_{i}_frequency", 0.0)
             new_k = stiffness * w**2
             new_d = damping * w * (1.0 + values.get(f"mode_{i}_damping", 0.0))
-            # What u and the sensor are to it stays: the numerator of its share of y.
-            at_once, rate = float(mode.position @ mechanics.b), float(mode.velocity @ mechanics.b)
-            b = b - push * (new_d - damping) * at_once
-            if share := values.get(f"mode_{i}_share", 0.0):
-                # Position 1, velocity 0 of this mode alone.
-                way = mechanics.a @ push + damping * push
-                b = b + share * (at_once * way + (rate - (new_d - damping) * at_once) * push)
+            # What u and the sensor are to it stays: the numerator p s + q of its share of y.
+            p, rate = float(mode.position @ mechanics.b), float(mode.velocity @ mechanics.b)
+            q = rate + damping * p
+            b = b - push * (new_d - damping) * p
+            share, lead = (values.get(f"mode_{i}_{name}", 0.0) for name in ("share", "lead"))
+            if share or lead:
+                more = share * p + lead * q / np.sqrt(stiffness)
+                # As much of p the first mode loses: y answers u no sooner than it did.
+                way = _position(mechanics, push, damping - new_d) - first
+                b = b + share * q * push + more * way
         a -= np.outer(push, (new_d - damping) * mode.velocity + (new_k - stiffness) * mode.position)
-        modes.append(_moved(mode, push, b * gain, new_k, new_d))
+        moved.append((new_k, new_d, push))
+    modes = [
+        _moved(mode, push, b * gain, new_k, new_d)
+        for mode, (new_k, new_d, push) in zip(mechanics.modes, moved, strict=True)
+    ]
     fast = mechanics.fast
     fast = StateSpace(fast.a, fast.b, fast.c * gain, fast.d * gain, fast.sample_time)
     return replace(
         mechanics, a=a, b=b * gain, d=d * gain, modes=tuple(modes), fast=fast, exact=None
     )
+
+
+def _position(mechanics: Mechanics, push: Array, less: float) -> Array:
+    """The state of position 1, and numerator s, of the mode with this `push` that has `less` damping."""
+    return mechanics.a @ push + less * push
 
 
 def _moved(mode: Mode, push: Array, b: Array, stiffness: float, damping: float) -> Mode:
