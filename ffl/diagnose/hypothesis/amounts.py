@@ -105,9 +105,7 @@ def netted(scene: Scene, model: Model, name: str) -> Model | None:
     where it is within the line, or less than the model has: an effect that is undone. None where not."""
     if (index := _place(model, name)) is None:
         return None
-    key, unit = _unit(model, name)
-    amount = float(model.effects[index].parameters[key]) / unit
-    corrections = {**model.corrections, name: model.corrections[name] + amount}
+    corrections = {**model.corrections, name: _both(model, index, name)}
     if claims(name, sizes(scene, model, corrections).get(name, np.inf)):
         return None
     return replace(model.without(index), corrections=corrections)
@@ -129,8 +127,7 @@ def as_effect(model: Model, name: str) -> Model | None:
     if (index := _place(model, name)) is None:
         return None
     key, unit = _unit(model, name)
-    values = dict(model.effects[index].parameters)
-    values[key] = float(values[key]) + unit * model.corrections[name]
+    values = {**model.effects[index].parameters, key: unit * _both(model, index, name)}
     corrections = {k: v for k, v in model.corrections.items() if k != name}
     other = replace(model, corrections=corrections, held=model.held | {name})
     return other.with_parameters(index, values)
@@ -141,6 +138,14 @@ def _place(model: Model, name: str) -> int | None:
     if NAMES[name] not in model.names or name in model.held or name not in model.corrections:
         return None
     return model.names.index(NAMES[name])
+
+
+def _both(model: Model, index: int, name: str) -> float:
+    """What the correction `name` and effect `index` of its kind come to, as a correction. (A change of mass
+    is one of the corrected mass: 0.77 times 1.299 of it are all of it.)"""
+    key, unit = _unit(model, name)
+    own, more = model.corrections[name], float(model.effects[index].parameters[key]) / unit
+    return own + more + (own * more if name == "mass" else 0.0)
 
 
 def _unit(model: Model, name: str) -> tuple[str, float]:
