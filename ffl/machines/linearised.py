@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
-from ffl.effects import Mechanics, effect_of
+from ffl.effects import Mechanics, effect_of, is_speed, mechanics_of
 from ffl.effects.linear_mechanics import mechanics_with_effects
 from ffl.systems.plant import EffectSpec, Plant
 from ffl.systems.state_space import StateSpace
@@ -30,8 +30,13 @@ def linear_part(plant: Plant) -> Plant:
     if not plant.effects:
         return plant
     mechanics = mechanics_with_effects(plant)
-    if mechanics.exact is not None and not lag and not sum(delay):
+    stated = mechanics_of(plant.system, is_speed(plant.output_unit))
+    unchanged = all(
+        getattr(mechanics, name) is getattr(stated, name) for name in ("a", "b", "c", "d", "fast")
+    )
+    if unchanged and not lag and not sum(delay):
         return replace(plant, effects=())
+    mechanics = _without_way(mechanics)
     return replace(plant, system=_discretise(mechanics, lag, sum(delay)), effects=())
 
 
@@ -44,6 +49,19 @@ def _total(effects: tuple[EffectSpec, ...], name: str) -> list[float]:
     """The positive times of all effects of this name."""
     values = [effect_of(e).check(e)[IN_SERIES[name]] for e in effects if e.name == name]
     return [value for value in values if value > 0]
+
+
+def _without_way(mechanics: Mechanics) -> Mechanics:
+    """`mechanics` of a speed less the way that it makes, where no force and no sensor sees it: a loop does
+    not bring it back. With A v = 0 and c v = 0 all is told by what is normal to v."""
+    if mechanics.place is None:
+        return mechanics
+    rows = np.vstack([mechanics.a, mechanics.c])
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    way = scipy.linalg.null_space(rows / np.where(sizes > 0.0, sizes, 1.0), rcond=1e-12)
+    rest = scipy.linalg.null_space(way.T) if way.shape[1] else np.eye(mechanics.order)
+    a, b, c = rest.T @ mechanics.a @ rest, rest.T @ mechanics.b, mechanics.c @ rest
+    return replace(mechanics, a=a, b=b, c=c, place=None)
 
 
 def _discretise(m: Mechanics, lags: list[float], delay: float) -> StateSpace:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffl.machines import Simulator, linear_part
-from ffl.systems import EffectSpec, load_plant
+from ffl.systems import EffectSpec, load_plant, plant_from_dict
 
 LINEAR = {
     "mass": [EffectSpec("mass_change", {"change": 0.2})],
@@ -71,3 +71,30 @@ def test_other_effects_are_left_out_and_the_plant_stays_as_it_is():
     with_friction = replace(plant, effects=(EffectSpec("coulomb_friction", {"level": 20.0}),))
     assert linear_part(with_friction).system is plant.system
     assert linear_part(with_friction).effects == ()
+
+
+SPEED = {
+    "name": "elevator",
+    "sample_time": 5e-3,
+    "units": {"input": "A", "output": "m/s"},
+    "plant": {"form": "czpk", "zeros": [], "poles": [-0.056], "gain": 0.03},
+    "controller": {"form": "zpk", "zeros": [], "poles": [], "gain": 240.0},
+    "physics": {"mass": 3168.0, "motor_constant": 95.0},
+}
+
+
+@pytest.mark.parametrize("name", ["mass", "damping", "spring", "mode", "delay", "all"])
+def test_a_speed_loses_no_stability_to_the_way_that_it_makes(name):
+    """The way is simulated beside it, an integrator that no loop brings back."""
+    plant = replace(plant_from_dict(SPEED), effects=tuple(LINEAR[name]))
+    simulated, linear = both(plant)
+    linear_part(plant).require_stable()
+    exact = 1e-6 if name in ("delay", "all") else 1e-8
+    assert np.abs((simulated - linear) / simulated.std(axis=0)).max() < exact
+
+
+@pytest.mark.parametrize("name", ["coulomb_friction", "constant_load"])
+def test_the_plant_of_a_speed_stays_as_it_is_beside_other_effects(name):
+    number = {"coulomb_friction": "level", "constant_load": "force"}[name]
+    plant = replace(plant_from_dict(SPEED), effects=(EffectSpec(name, {number: 350.0}),))
+    assert linear_part(plant).system is plant.system
