@@ -42,6 +42,7 @@ BETTER = 0.25  # of what a factor leaves: what such forces must leave at most to
 LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)  # shares of the commands within the limits that are tried, and
 # limits by the largest: a controller winds up beyond its drive's.
 OF_LARGEST = np.geomspace(1e-4, 0.5, 8)
+DEAD = np.geomspace(0.01, 0.5, 12)  # of the largest command: dead zones
 
 
 def mistakes(
@@ -229,24 +230,36 @@ def _against(plant: Plant, u: Array, y: Array) -> bool:
 def _held_back(plant: Plant, u: Array, y: Array, left: float) -> bool:
     """Whether y = G (u - what holds the machine back more, or less, than in proportion) says clearly more
     than a factor does, which leaves the share `left` of y's variance: friction, drag, a spring that hardens
-    along the motion as measured, or a limit of the command; that also more than a factor beside the rest.
-    (Drag of 160 v|v| N under water makes y a quarter of what G makes of u, but for 0.048 of its variance;
-    with drag 0.0001 is left. A controller that winds up behind its limit makes of y a thousandth. A wrong
-    unit is the same at every amplitude.)"""
+    along the motion as measured, a limit of the command or a dead zone; these two also more than a factor
+    beside the rest. (Drag of 160 v|v| N under water makes y a quarter of what G makes of u, but for 0.048
+    of its variance; with drag 0.0001 is left. Beside a dead zone it is 0.046, and with both 0.00003. A
+    controller that winds up behind its limit makes of y a thousandth. A wrong unit is the same at every
+    amplitude.)"""
     size = np.abs(u)
     levels = [*np.quantile(size, LEVELS), *(size.max() * OF_LARGEST)]
     moved = [*moved_by(plant, y), *held_by(plant, u, y)]
     cut = [u - np.clip(u, -level, level) for level in levels]
+    lost = [np.clip(u, -level, level) for level in size.max() * DEAD]
     made, out = compared(plant, u, y)
-    table = np.column_stack([compared(plant, force, y, by=u)[0] for force in [*moved, *cut]])
+    columns = [compared(plant, force, y, by=u)[0] for force in [*moved, *cut, *lost]]
     whole = float(out @ out)
-    if whole <= 0.0 or not np.all(np.isfinite(table)):
+    if whole <= 0.0 or not np.all(np.isfinite(columns)):
         return False
-    by_motion = table[:, : len(moved)]
+    by_motion, limited, dead = np.split(
+        np.column_stack(columns), [len(moved), len(moved) + len(cut)], axis=1
+    )
     if _remains(by_motion, made - out, whole)[1] < BETTER * left:
         return True
-    _, beside = _remains(np.column_stack([made, -by_motion]), out, whole)
-    return _remains(table, made - out, whole)[1] < BETTER * min(left, beside)
+    weights, beside = _remains(np.column_stack([made, -by_motion]), out, whole)
+    if weights[0] > 1.0 / FACTOR:  # a factor beside the rest that a model may be off by
+        if beside < BETTER * left:
+            return True
+        beside = left
+    # One or the other: what is beyond a level and what is below it are all of u, at any factor.
+    least = min(
+        _remains(np.hstack([by_motion, bent]), made - out, whole)[1] for bent in (limited, dead)
+    )
+    return least < BETTER * min(left, beside)
 
 
 def _remains(columns: Array, wanted: Array, whole: float) -> tuple[Array, float]:

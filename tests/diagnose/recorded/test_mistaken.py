@@ -92,8 +92,11 @@ def test_what_is_merely_nonlinear_is_no_mistake(motor, driven):
         assert not mistakes(motor, [replace(driven, y=y)])
 
 
-@pytest.fixture(scope="module")
-def dive():
+LOST = EffectSpec("dead_zone", {"half_width": 10.0})
+
+
+@pytest.fixture(scope="module", params=[(), (LOST,)], ids=["drag", "and dead zone"])
+def dive(request):
     """85 kg under water and recordings of it: drag makes a fourth of y what the model alone would."""
     made = plant_from_dict(
         {
@@ -109,7 +112,9 @@ def dive():
     tones = ((40.0, 0.031, 0.2), (30.0, 0.083, 1.1), (30.0, 0.17, 2.3))
     u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
     rng = np.random.default_rng(0)
-    y = Simulator(made).run((drag,), feedforward=u).y + 0.002 * rng.standard_normal(len(u))
+    y = Simulator(made).run((*request.param, drag), feedforward=u).y + 0.002 * rng.standard_normal(
+        len(u)
+    )
     return made, Recording.from_signals(0.05, u=u, y=y, source="dive.csv")
 
 
