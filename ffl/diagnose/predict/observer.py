@@ -21,6 +21,7 @@ from ffl.systems.state_space import StateSpace
 from ffl.systems.zpk import as_state_space
 
 DECAYS = 2 * np.pi * np.array([5.0, 2.0, 1.0])  # 1/s: slowest decay of the observer's loop
+SAMPLED = 0.02  # s: of machines that are sampled slower all this lasts as much longer
 QUIET = 0.01  # of the speed: noise that an observer may take for speed
 SPAN = 0.05  # s over which the speed is read
 MOVING = 0.05  # of the peak speed: what is slower at either end is standstill
@@ -43,15 +44,17 @@ def needs_observer(model: Plant) -> bool:
 
 def decay_for(recordings: Sequence[Recording]) -> float:
     """The fastest decay whose observer does not take the sensor's noise for motion. One that is too
-    slow leaves the simulated speed wrong by so much that friction cannot be told (KUKA, axes 5 and 6,
-    at 1 Hz)."""
+    slow leaves the simulated speed wrong by so much that friction cannot be told. (KUKA, axes 5 and 6,
+    at 1 Hz. Of a vehicle under water, sampled at 10 Hz, 1 Hz is two samples: nothing had a name.)"""
     noise, speed = [], []
+    longer = max(1.0, recordings[0].sample_time / SAMPLED)
     for r in recordings:
-        m = min(max(1, round(SPAN / r.sample_time)), len(r) // 4)
+        m = min(max(1, round(SPAN * longer / r.sample_time)), len(r) // 4)
         noise.append(np.std(np.diff(r.y, 2)) / np.sqrt(6.0))
         speed.append(np.std(r.y[m:] - r.y[:-m]) / (m * r.sample_time))
-    fit = [d for d in DECAYS if np.median(noise) * d < QUIET * np.median(speed)]
-    return float(fit[0] if fit else DECAYS[-1])
+    decays = DECAYS / longer
+    fit = [d for d in decays if np.median(noise) * d < QUIET * np.median(speed)]
+    return float(fit[0] if fit else decays[-1])
 
 
 def with_observer(model: Plant, decay: float) -> Plant:

@@ -9,10 +9,19 @@ import pytest
 
 from ffl.diagnose import diagnose
 from ffl.diagnose.hypothesis.model import Base, Model
-from ffl.diagnose.predict.observer import decay_of, led, moving, needs_observer, with_observer
+from ffl.diagnose.predict.observer import (
+    DECAYS,
+    decay_for,
+    decay_of,
+    led,
+    moving,
+    needs_observer,
+    with_observer,
+)
 from ffl.diagnose.proof.prove import run_plant
 from ffl.diagnose.recorded.trials import prepare
 from ffl.machines import SimulatedMachine
+from ffl.recordings import Recording
 from ffl.systems import Controller, Move, Physics, Plant, Zpk, moves
 from ffl.systems.plant import EffectSpec, Imperfections
 from ffl.systems.plant_file import plant_from_dict
@@ -182,3 +191,17 @@ def test_an_observer_is_held_to_no_limit(axis):  # type: ignore[no-untyped-def]
     """u as recorded is beyond the drive already, and what the observer adds goes through none."""
     limited = replace(axis, machine=Imperfections(1e-7, 1e-7, 20.0, 100.0))
     assert with_observer(limited, 6.0).machine == Imperfections(1e-7, 1e-7, 20.0, None)
+
+
+def test_an_observer_of_what_is_sampled_slowly_lasts_as_much_longer():
+    """A vehicle under water at 10 Hz is one at 100 Hz by a slower clock; a robot at 250 Hz is not."""
+    rng = np.random.default_rng(2)
+    y = np.cumsum(0.01 * np.sin(0.02 * np.arange(3000))) + 1e-4 * rng.standard_normal(3000)
+
+    def per_sample(step):  # type: ignore[no-untyped-def]
+        decay = decay_for([Recording.from_signals(step, u=y, y=y)])
+        return decay * step
+
+    assert per_sample(0.1) == pytest.approx(per_sample(0.02), rel=1e-12)
+    assert per_sample(3600.0) == pytest.approx(per_sample(0.02), rel=1e-12)
+    assert per_sample(0.004) / 0.004 == pytest.approx(DECAYS[0])
