@@ -24,6 +24,10 @@ CUT = 8  # samples that must stand at the largest |u|, for it to be a limit that
 LIKE = 0.05  # of a factor: as near is that factor
 TAKEN = 0.5  # of what is left of u less f: a gain that leaves more of it is not the controller's
 UNIT_LEAVES = 0.1  # of y's variance: what a factor of what the plant makes of u may leave
+LASTING = (
+    50  # samples for which y must stand still, if what the controller gives is off elsewhere too
+)
+MOVES = 0.01  # of all its way: what r must do meanwhile, or y only rests
 SCALED = 0.9  # decades from which a factor is a unit
 
 
@@ -281,8 +285,9 @@ def _standing(asked: Asked) -> Fault | None:
     inside = np.zeros(len(eq.y), bool)
     for a, b in runs:
         inside[a : min(b + 3, len(inside))] = True
-    longest = max(runs, key=lambda run: run[1] - run[0])
-    if np.mean(fine[inside]) < 3 * np.mean(fine[~inside]) and longest[1] - longest[0] < 50:
+    broken = np.mean(fine[inside]) >= 3 * np.mean(fine[~inside])
+    longest = max(runs, key=_length)
+    if not broken and _length(longest) < LASTING:
         return None
     share = float(np.sum(held == extreme)) / len(held)
     if (share > 0.6 and len(runs) > 1) or eq.y[longest[0]] == extreme:
@@ -290,12 +295,22 @@ def _standing(asked: Asked) -> Fault | None:
             "clipped_sensor", f"y clipped at {extreme:.6g}",
             "y stops at one value while the controller goes on: record the unclipped signal",
         )  # fmt: skip
+    if not broken:  # a machine at rest stands still as well
+        r = asked.recording.r[: len(eq.y)]
+        asked_for = [run for run in runs if np.ptp(r[slice(*run)]) > MOVES * np.ptp(r)]
+        longest = max(asked_for, key=_length, default=(0, 0))
+        if _length(longest) < LASTING:
+            return None
     step = asked.plant.sample_time
     start, stop = longest[0] * step, longest[1] * step
     return asked.fault(
         "frozen_sensor", f"y frozen from {start:.4g} to {stop:.4g} s after the start",
         "y stands still while the controller goes on: cut that stretch out of the recording",
     )  # fmt: skip
+
+
+def _length(run: tuple[int, int]) -> int:
+    return run[1] - run[0]
 
 
 def _another(asked: Asked) -> Fault:

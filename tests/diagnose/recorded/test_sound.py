@@ -142,6 +142,20 @@ def test_a_clipped_sensor_beside_a_large_feedforward_is_no_gain(stage, reference
     assert fault.kind == "clipped_sensor"
 
 
+def test_a_machine_at_rest_is_no_frozen_sensor(stage, record):  # type: ignore[no-untyped-def]
+    """Where the stated controller is another one everywhere, and friction holds y between the moves."""
+    rests = replace(stage, effects=(EffectSpec("coulomb_friction", {"level": 6.0}),),
+                    machine=replace(stage.machine, encoder_resolution=2e-5, sensor_noise=1e-7))  # fmt: skip
+    run = record(rests)[0]
+    still = np.convolve(np.diff(run.y) == 0.0, np.ones(60), "valid")
+    assert still.max() == 60.0
+    c = stage.controller.reference
+    other = Controller.of_error(replace(c, zeros=1.0 - 1.35 * (1.0 - c.zeros)))
+    assert [f.kind for f in soundness(replace(stage, controller=other), [run]).faults] == [
+        "controller"
+    ]
+
+
 def test_other_controller_is_named_with_its_factor(stage, clean):  # type: ignore[no-untyped-def]
     c = stage.controller.reference
     other = replace(stage, controller=Controller.of_error(replace(c, gain=c.gain / 1.25)))
