@@ -115,7 +115,7 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         print(f"  formula: {answer['location']['formula']}")
     proof = answer.get("validation")
     if proof:
-        print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {_left(proof)}, {_alone(proof)}")
+        print(f"  held out: nrmse {proof['nrmse_before']:.4g} -> {_left(proof)}, {_alone(answer)}")
         if "u_nrmse_after" in proof:
             alone = ""
             if "u_noise_floor" in proof and not proof.get("noise_untold"):
@@ -140,15 +140,16 @@ def _left(proof: Mapping[str, Any], of: str = "") -> str:
     return f"{mapped:.4g} with the map (without it {after})"
 
 
-def _alone(proof: Mapping[str, Any]) -> str:
-    """What noise alone would leave, beside what is left."""
+def _alone(answer: Mapping[str, Any]) -> str:
+    """What noise alone would leave, beside what is left: within it, unless it has structure all the same."""
+    proof = answer["validation"]
     if proof.get("noise_untold"):
         return "noise cannot be told from what is left"
     floor = float(proof["noise_floor"])
     within = proof.get("nrmse_with_map", proof["nrmse_after"]) <= floor
-    return f"noise alone {floor:.4g}" + (
-        " by estimate: what is left is within it" if within else ""
-    )
+    said = f"noise alone {floor:.4g}" + (" by estimate" if within else "")
+    structured = answer["verdict"] == "partly_explained"
+    return f"{said}: what is left is within it" if within and not structured else said
 
 
 def _component(location: str, options: Mapping[str, Any]) -> str:
