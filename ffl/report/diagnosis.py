@@ -141,7 +141,7 @@ def _left(proof: Mapping[str, Any], of: str = "") -> str:
 
 
 def _alone(answer: Mapping[str, Any]) -> str:
-    """What noise alone would leave, beside what is left: within it, unless it has structure all the same."""
+    """What noise alone would leave, beside what is left: within it, unless that has structure."""
     proof = answer["validation"]
     if proof.get("noise_untold"):
         return "noise cannot be told from what is left"
