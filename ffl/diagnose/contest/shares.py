@@ -26,10 +26,9 @@ MASS = "mass_change"
 BETWEEN = frozenset({"linear_stiffness", "viscous_friction"})
 SLIGHT = 0.04  # of a share: more is no number of the plant file that may be off
 MOST = 0.95  # of what a mode brings whose frequency nobody can tell
-
-
 MUCH = 60.0  # score that they must bring where they take the place of nothing
 ROUNDS = 10
+GLANCE = 2  # rounds after which half of that must be there: for slight changes all is nearly linear
 
 
 def shares_off(
@@ -45,11 +44,14 @@ def shares_off(
         return None
     current = judge(quiet, held, model, 0)  # in the same noise as its rivals
     if names := _instead(model):
-        rival = _in_place_of(quiet, held, current, names, shares, say)
-        if rival is not None:
-            return rival
-    rival, stands = levelled([_free(quiet, held, model, shares), current])
-    if rival.score - stands.score <= MUCH or not _slight(rival, shares):
+        instead = _in_place_of(quiet, held, current, names, shares, say)
+        if instead is not None:
+            return instead
+    for rounds, least in ((GLANCE, 0.5 * MUCH), (ROUNDS, MUCH)):
+        rival, stands = levelled([_free(quiet, held, model, shares, rounds), current])
+        if rival.score - stands.score <= least:
+            return None
+    if not _slight(rival, shares):
         return None
     say(f"  shares of the plant's modes: {rival.score - stands.score:+.1f}")
     return rival
@@ -91,9 +93,11 @@ def _in_place_of(
     return rival if rival.score - without.score > MOST * (stands.score - without.score) else None
 
 
-def _free(quiet: Scene, held: Scene | None, model: Model, shares: Sequence[str]) -> Judged:
+def _free(
+    quiet: Scene, held: Scene | None, model: Model, shares: Sequence[str], rounds: int = ROUNDS
+) -> Judged:
     own = replace(model, corrections={**model.corrections, **dict.fromkeys(shares, 0.0)})
-    return judge(quiet, held, own, ROUNDS)
+    return judge(quiet, held, own, rounds)
 
 
 def _slight(judged: Judged, shares: Sequence[str]) -> bool:

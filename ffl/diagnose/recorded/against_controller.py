@@ -24,9 +24,7 @@ CUT = 8  # samples that must stand at the largest |u|, for it to be a limit that
 LIKE = 0.05  # of a factor: as near is that factor
 TAKEN = 0.5  # of what is left of u less f: a gain that leaves more of it is not the controller's
 UNIT_LEAVES = 0.1  # of y's variance: what a factor of what the plant makes of u may leave
-LASTING = (
-    50  # samples for which y must stand still, if what the controller gives is off elsewhere too
-)
+LASTING = 50  # samples for which y must stand still, if the command is off elsewhere too
 MOVES = 0.01  # of all its way: what r must do meanwhile, or y only rests
 SCALED = 0.9  # decades from which a factor is a unit
 
