@@ -260,6 +260,8 @@ def _recording(path: Path, map: Path | None) -> Facts:
         if values is not None and np.all(np.isfinite(values)):
             unit = recording.units.get(name, "")
             facts[name] = f"{values.min():.6g} to {values.max():.6g} {unit}".strip()
+    if recording.others:  # a diagnosis looks at them too
+        facts["other_columns"] = sorted(recording.others)
     found = [f"{finding.severity}: {finding.text}" for finding in soundness(recording).findings]
     if "t" not in recording.missing:  # the mapping's own sample time stands against the column's
         stamped = examine_time(recording.t).sample_time

@@ -150,6 +150,15 @@ def test_a_campaigns_mistake_says_what_it_is(old, new, says, write_campaign, ref
     assert "Input should" not in line
 
 
+def test_columns_that_nothing_is_made_of_are_told(recording, tmp_path, inspect):
+    """A diagnosis looks at them: another axis, a temperature."""
+    assert "other_columns" not in inspect(recording)
+    header, *rows = recording.read_text().splitlines()
+    named = [f"{header},motor_degC", *(f"{row},{20 + k}" for k, row in enumerate(rows))]
+    (tmp_path / "warm.csv").write_text("\n".join(named) + "\n")
+    assert inspect(tmp_path / "warm.csv")["other_columns"] == ["motor_degC"]
+
+
 def test_a_mappings_mistake_names_the_mapping(recording, tmp_path, refuse):
     path = tmp_path / "m.toml"
     path.write_text('[columns]\nt = "t"\nu = "u"\n')
