@@ -58,7 +58,7 @@ def _without_way(mechanics: Mechanics) -> Mechanics:
         return mechanics
     rows = np.vstack([mechanics.a, mechanics.c])
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    way = scipy.linalg.null_space(rows / np.where(sizes > 0.0, sizes, 1.0), rcond=1e-12)
+    way = scipy.linalg.null_space(rows / np.maximum(sizes, 1e-10 * sizes.max()), rcond=1e-12)
     rest = scipy.linalg.null_space(way.T) if way.shape[1] else np.eye(mechanics.order)
     a, b, c = rest.T @ mechanics.a @ rest, rest.T @ mechanics.b, mechanics.c @ rest
     return replace(mechanics, a=a, b=b, c=c, place=None)

@@ -117,6 +117,40 @@ def test_unstable_loops_and_algebraic_loops_are_refused():
         closed_loop(Zpk([], [0.5], 1, 1.0), Controller.of_error(Zpk([], [], 1.0, 2.0)))
 
 
+@pytest.mark.parametrize("integrators", [1, 2])
+def test_integrators_in_both_branches_are_those_of_the_error(integrators):
+    """PID with the derivative of y alone: its integral acts on r - y, whichever branch it is written in."""
+    step, ones = 1e-3, np.ones(integrators)
+    mass = Zpk([-1.0], [1.0, 0.99], 1e-6, step)
+    leads = np.full(integrators, 0.998)
+    reference = Zpk(leads, ones, 800.0, step)
+    error = Controller.of_error(reference)
+    apart = Controller(reference, Zpk(leads, ones, 800.0, step))
+    assert not apart.one_degree
+    one, two = (closed_loop(mass, c) for c in (error, apart))
+    assert two.system.order == one.system.order
+    grid = np.geomspace(0.1, 400.0, 30) * step
+    assert np.allclose(one.system.response(grid), two.system.response(grid), rtol=1e-8)
+    with_derivative = Zpk([*leads, 0.97], [*ones, 0.7], 8000.0, step)
+    weighted = Controller(Zpk(leads, ones, 800.0, step), with_derivative)
+    assert weighted.state_space.order == integrators + 1
+    loop = closed_loop(mass, weighted)
+    assert loop.is_stable
+    # At rest y is r, times what one integral makes of it for what the other does.
+    at_rest = loop.system.at(np.array([1.0 + 0.0j]))[0, 0, 0].real
+    assert at_rest == pytest.approx(800.0 / (8000.0 * 0.03 / 0.3), rel=1e-6)
+
+
+def test_what_no_other_branch_has_stays():
+    step = 1e-3
+    integrates, leads = Zpk([0.998], [1.0], 800.0, step), Zpk([0.97], [0.7], 8000.0, step)
+    for reference, output in ((integrates, leads), (leads, integrates)):
+        assert Controller(reference, output).state_space.order == 2
+    gains = Controller(Zpk([], [], 3.0, step), Zpk([], [], 2.0, step)).state_space
+    assert gains.order == 0
+    assert gains.d.tolist() == [[3.0, -2.0]]
+
+
 def test_an_open_loop_machine_may_integrate():
     from dataclasses import replace
 
