@@ -20,7 +20,14 @@ from ffl.report.page import COLOURS
 
 POINTS = 2000  # most points of a curve
 LINEAR = 30.0  # log-likelihood up to which bars are drawn to scale
+TICKS = 4  # of a map, at most: two stand side by side
 FEW = 3  # decades that leave room for ticks between them
+
+
+def _seconds(ax: Axes) -> None:
+    """Time along x, without a power of ten: a clock counts the seconds of the day."""
+    ax.ticklabel_format(axis="x", style="plain", useOffset=False)
+    ax.set_xlabel("time [s]")
 
 
 def mismatch_map(ax: Axes, m: Map, title: str, top: float) -> Axes:
@@ -33,7 +40,8 @@ def mismatch_map(ax: Axes, m: Map, title: str, top: float) -> Axes:
     if m.frequencies[-1] > 100.0:
         ax.set_yscale("symlog", linthresh=m.frequencies[-1] / 20)
         ax.set_ylim(0.0, m.frequencies[-1])
-    ax.set_xlabel("time [s]")
+    ax.locator_params(axis="x", nbins=TICKS)
+    _seconds(ax)
     ax.set_ylabel("frequency [Hz]")
     ax.set_title(title)
     ax.grid(False)
@@ -95,7 +103,7 @@ def experiment(ax: Axes, e: Experiment, unit: str, input_unit: str) -> Axes:
     closed = np.ptp(e.r) > 0
     signal = e.r if closed else e.f
     ax.plot(e.t[::step], signal[::step], color=COLOURS[0])
-    ax.set_xlabel("time [s]")
+    _seconds(ax)
     ax.set_ylabel(f"reference [{unit}]" if closed else f"command [{input_unit}]")
     return ax
 
@@ -206,7 +214,7 @@ def errors(ax: Axes, o: Overlay, unit: str, after: str = "after") -> Axes:
     step = max(1, len(o.t) // POINTS)
     ax.plot(o.t[::step], (o.y - o.y_before)[::step], color=COLOURS[1], label="before")
     ax.plot(o.t[::step], (o.y - o.y_after)[::step], color=COLOURS[0], label=after)
-    ax.set_xlabel("time [s]")
+    _seconds(ax)
     ax.set_ylabel(f"y - simulation [{unit}]")
     ax.legend(ncols=2)
     return ax

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 from ffl.diagnose.proof.prove import Proof
+from ffl.diagnose.recorded.where import Map
 from ffl.report.diagnosis import _proof
-from ffl.report.diagnosis_figures import _signed_log
-from ffl.report.page import Page
+from ffl.report.diagnosis_figures import _signed_log, mismatch_map
+from ffl.report.page import Page, drawing, subplots
 
 
 @pytest.mark.parametrize(
@@ -27,6 +30,19 @@ def test_bars_beyond_the_scale_have_ticks_that_place_them(values):
     assert abs(longest) / max(abs(t) for t in beside) < 10.0
     assert all(label.get_text() for label in ax.get_xticklabels())
     plt.close(figure)
+
+
+def test_a_map_by_the_clock_has_room_for_its_seconds():
+    """From ten o'clock on: 36,000 s, and not 3.6 beside a power of ten."""
+    times, frequencies = 36000.0 + np.linspace(0.0, 170.0, 30), np.linspace(0.0, 5.0, 20)
+    m = Map("dive", times, frequencies, np.full((20, 30), 3.0))
+    with drawing():
+        _, pair = subplots(rows=1, columns=2, sharey=True)
+        for ax in pair:
+            mismatch_map(ax, m, "before", 10.0)
+            low, high = ax.get_xlim()
+            told = [re.findall(r"\d+(?:\.\d+)?", k.get_text()) for k in ax.get_xticklabels()]
+            assert 2 <= sum(low <= float(t) <= high for (t,) in told) <= 4
 
 
 def test_a_few_units_are_to_scale():
