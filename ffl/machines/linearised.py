@@ -10,7 +10,7 @@ import scipy.linalg
 from ffl.effects import Mechanics, effect_of, is_speed, mechanics_of
 from ffl.effects.linear_mechanics import mechanics_with_effects
 from ffl.systems.plant import EffectSpec, Plant
-from ffl.systems.state_space import StateSpace
+from ffl.systems.state_space import StateSpace, without_unseen
 
 IN_SERIES = {"actuator_lag": "time_constant", "input_delay": "delay"}
 
@@ -53,15 +53,11 @@ def _total(effects: tuple[EffectSpec, ...], name: str) -> list[float]:
 
 def _without_way(mechanics: Mechanics) -> Mechanics:
     """`mechanics` of a speed less the way that it makes, where no force and no sensor sees it: a loop does
-    not bring it back. With A v = 0 and c v = 0 all is told by what is normal to v."""
+    not bring it back."""
     if mechanics.place is None:
         return mechanics
-    rows = np.vstack([mechanics.a, mechanics.c])
-    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    way = scipy.linalg.null_space(rows / np.maximum(sizes, 1e-10 * sizes.max()), rcond=1e-12)
-    rest = scipy.linalg.null_space(way.T) if way.shape[1] else np.eye(mechanics.order)
-    a, b, c = rest.T @ mechanics.a @ rest, rest.T @ mechanics.b, mechanics.c @ rest
-    return replace(mechanics, a=a, b=b, c=c, place=None)
+    a, b, c = without_unseen(mechanics.a, mechanics.b[:, None], mechanics.c[None, :], 0.0)
+    return replace(mechanics, a=a, b=b[:, 0], c=c[0], place=None)
 
 
 def _discretise(m: Mechanics, lags: list[float], delay: float) -> StateSpace:

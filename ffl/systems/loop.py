@@ -6,17 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from ffl.errors import InputError
 from ffl.systems.margins import Margins, margins_of
-from ffl.systems.state_space import Array, ComplexArray, StateSpace
+from ffl.systems.state_space import Array, ComplexArray, StateSpace, without_unseen
 from ffl.systems.zpk import Zpk, as_state_space
 
-UNSEEN, CLOSE = (
-    1e-9,
-    1e-6,
-)  # of what is seen most; distance of a pole from 1 that is looked at closely
 SLOWEST = 1e-8  # of Nyquist's frequency: a slower pole is an integrator, but for rounding
 
 
@@ -49,24 +44,8 @@ class Controller:
         zero = np.zeros((cr.order, cy.order))
         a = np.block([[cr.a, zero], [zero.T, cy.a]])
         b = np.block([[cr.b, np.zeros_like(cr.b)], [np.zeros_like(cy.b), -cy.b]])
-        return _sharing_integrators(
-            StateSpace(a, b, np.hstack([cr.c, cy.c]), np.hstack([cr.d, -cy.d]), cr.sample_time)
-        )
-
-
-def _sharing_integrators(system: StateSpace) -> StateSpace:
-    """`system`, of one output, less what of its integrators is not seen there: with A v = v and c v = 0 all
-    is told by what is normal to v."""
-    if not system.order:
-        return system
-    moves, seen = system.a - np.eye(system.order), system.c / max(np.linalg.norm(system.c), 1e-300)
-    moves = moves / np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), CLOSE)
-    hidden = scipy.linalg.null_space(np.vstack([moves, seen]), rcond=UNSEEN)
-    if not hidden.shape[1]:
-        return system
-    rest = scipy.linalg.null_space(hidden.T)
-    a, b, c = rest.T @ system.a @ rest, rest.T @ system.b, system.c @ rest
-    return _sharing_integrators(StateSpace(a, b, c, system.d, system.sample_time))
+        c, d = np.hstack([cr.c, cy.c]), np.hstack([cr.d, -cy.d])
+        return StateSpace(*without_unseen(a, b, c, 1.0), d, cr.sample_time)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,9 @@ from ffl.errors import InputError
 Array = NDArray[Any]  # real; numpy's own stubs widen float64 too often to say so
 ComplexArray = NDArray[Any]
 
+UNSEEN = 1e-9  # of what is seen most
+CLOSE = 1e-6  # of what moves most: what moves less is not looked at as closely
+
 
 @njit(cache=True)
 def _run(a, b, c, d, u, x, y):  # type: ignore[no-untyped-def]
@@ -211,3 +214,19 @@ def series(first: StateSpace, second: StateSpace) -> StateSpace:
         second.d @ first.d,
         first.sample_time,
     )
+
+
+def without_unseen(a: Array, b: Array, c: Array, pole: float) -> tuple[Array, Array, Array]:
+    """(A, B, C) less the states with this real `pole` that no output sees: with A v = pole v and C v = 0
+    all is told by what is normal to v."""
+    if not len(a):
+        return a, b, c
+    moves, seen = (np.asarray(x, float) for x in (a - pole * np.eye(len(a)), c))
+    sizes = np.linalg.norm(moves, axis=1, keepdims=True)
+    moves = moves / np.maximum(sizes, max(CLOSE * sizes.max(), 1e-300))
+    seen = seen / max(np.linalg.norm(seen), 1e-300)
+    hidden = scipy.linalg.null_space(np.vstack([moves, seen]), rcond=UNSEEN)
+    if not hidden.shape[1]:
+        return a, b, c
+    rest = scipy.linalg.null_space(hidden.T)
+    return without_unseen(rest.T @ a @ rest, rest.T @ b, c @ rest, pole)

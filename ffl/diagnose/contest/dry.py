@@ -7,6 +7,7 @@ from dataclasses import replace
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, placed, point_of
 from ffl.diagnose.screen.candidate import Candidate
+from ffl.machines.linearised import IN_SERIES
 from ffl.systems.plant import EffectSpec
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company
@@ -39,9 +40,6 @@ LEVEL = {
 PLAINEST = "coulomb_friction"
 MEAN = {"hysteresis": "force", "position_dependent_friction": "level"}
 
-# Of what acts late, which of its numbers says how late.
-LATE = {"input_delay": "delay", "actuator_lag": "time_constant"}
-
 # So many free numbers that they imitate two plain effects at once, or a tank's outflow: tried once
 # no plain one earns more, and only where plain dry friction, their mean, has earned its place.
 PLIABLE = frozenset({"position_dependent_friction"})
@@ -66,8 +64,9 @@ def as_it_stands(spec: EffectSpec, c: Candidate) -> list[EffectSpec]:
     if c.spec.name == spec.name:
         kept = {k: v for k, v in spec.options.items() if k not in POINT}
         return [replace(spec, options={**kept, **c.place.options})]
-    if spec.name in LATE and c.spec.name in LATE:
-        return [replace(c.spec, parameters={LATE[c.spec.name]: spec.parameters[LATE[spec.name]]})]
+    if spec.name in IN_SERIES and c.spec.name in IN_SERIES:  # as late
+        late = spec.parameters[IN_SERIES[spec.name]]
+        return [replace(c.spec, parameters={IN_SERIES[c.spec.name]: late})]
     level = spec.parameters.get(LEVEL.get(spec.name, ""))
     if c.spec.name == PLAINEST:
         level = level_of(spec)
