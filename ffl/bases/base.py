@@ -36,6 +36,11 @@ class Basis(ABC):
     def regressors(self, reference: ArrayLike) -> Array:
         """psi_k(r), shape (N, n_parameters), for the reference of N samples."""
 
+    @property
+    def stated(self) -> Array:
+        """(n_parameters,) what the parameters are known to be before any trial; NaN: not known."""
+        return np.full(self.n_parameters, np.nan)
+
     def response(self, frequencies_hz: ArrayLike) -> ComplexArray | None:
         """Psi(exp(i 2 pi f T)), shape (F, n_parameters); None where the basis is not LTI."""
         return None
@@ -61,6 +66,10 @@ class SumBasis(Basis):
     def preview(self) -> int:
         previews = [part.preview for part in self.parts]
         return -1 if -1 in previews else max(previews)
+
+    @property
+    def stated(self) -> Array:
+        return np.concatenate([part.stated for part in self.parts])
 
     def regressors(self, reference: ArrayLike) -> Array:
         return np.hstack([part.regressors(reference) for part in self.parts])

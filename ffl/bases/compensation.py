@@ -8,14 +8,22 @@ point, an output that follows the reference means
     command that cancels F  f = (P_F / P) F(x),
 
 both bounded by two-sided filtering where P has zeros outside the unit disc. On a rigid machine both
-quotients are 1.
+quotients are 1. What f meets on its way to the motor is undone: where it arrives `ahead` late the reference
+is read as much earlier, of a lag with pole a = exp(-T/tau) what comes in for it to hold c is
+
+    (c_{k+1} - a c_k) / (1 - a),
+
+and a motor whose force per command is k(x) asks, with u_r = M (a + d v + c x) and the forces cancelled
+what the machine takes, for (1/k(x) - 1) u_r beside that.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy.interpolate
 import scipy.linalg
 from numpy.typing import ArrayLike
 
@@ -38,7 +46,7 @@ class Compensation(Basis):
     with the non-linear parameters of the plant file, divided by the motor constant where it is
     known: the coefficients of Coulomb friction, cogging (sine, cosine), springs and the like are
     then newton, newton per metre, and learned trial by trial. Effects without a compensation
-    (`without`: sensors, disturbances in time, what acts on the command) give no column. Raises
+    (`without`: sensors, disturbances in time, most of what acts on the command) give no column. Raises
     `InputError` where no effect has one.
     """
 
@@ -58,8 +66,8 @@ class Compensation(Basis):
         for spec in plant.effects:
             effect = effect_of(spec)
             chosen = {k: v for k, v in spec.options.items() if k in effect.options}
-            nonlinear = {**effect.nonlinear_of(effect.check(spec)), **chosen}
-            columns = None if effect.port != "force" else effect.compensation(probe, **nonlinear)
+            nonlinear = {**effect.compensated_along(effect.check(spec)), **chosen}
+            columns = effect.compensation(probe, **nonlinear)
             if columns is None:
                 self.without.append(spec.name)
                 continue
@@ -86,29 +94,64 @@ class Compensation(Basis):
         return np.concatenate(parts)
 
     @property
+    def stated(self) -> Array:
+        return self.theta
+
+    @property
     def preview(self) -> int:
         return -1
 
+    @property
+    def ahead(self) -> float:
+        """Time (s) by which the machine gets a command late."""
+        late = (s.parameters["delay"] for s in self.plant.effects if s.name == "input_delay")
+        return self._mechanics.delay * self.sample_time + sum(late)
+
     def regressors(self, reference: ArrayLike) -> Array:
-        r = np.asarray(reference, float)
-        constant = self.plant.physics.motor_constant or 1.0
-        blocks = []
-        for spec, effect, nonlinear in self._effects:
+        r = _earlier(np.asarray(reference, float), self.ahead / self.sample_time)
+        blocks: dict[int, Array] = {}
+        driving = self._driving(r)
+        # The motor turns into force what all others ask for: it comes last.
+        for k in sorted(range(len(self._effects)), key=lambda k: self._at_motor(k)):
+            spec, effect, nonlinear = self._effects[k]
             side = spec.options.get("side", effect.default_side)
             point = self._mechanics.point(side, spec.options.get("mass_ratio"))
             to_point, to_command = self._quotients(point)
             x = r if to_point is None else two_sided_filter(to_point, r, hold=True)
-            mass = self._mechanics.moving_mass * constant if self._mechanics.modes else 1.0
-            columns = effect.compensation(
-                Motion.of_reference(x, self.sample_time, mass), **nonlinear
-            )
+            mass = self._mechanics.moving_mass * self._constant if self._mechanics.modes else 1.0
+            motion = Motion.of_reference(x, self.sample_time, mass)
+            columns = effect.compensation(replace(motion, u=driving), **nonlinear)
             assert columns is not None
+            if self._at_motor(k):
+                blocks[k] = columns
+                continue
             if to_command is not None:
                 columns = np.column_stack(
                     [two_sided_filter(to_command, c, hold=True) for c in columns.T]
                 )
-            blocks.append(columns / constant)
-        return np.hstack(blocks)
+            blocks[k] = columns / self._constant
+            driving = driving + blocks[k] @ effect.coefficients_of(effect.check(spec))
+        columns = np.hstack([blocks[k] for k in range(len(blocks))])
+        for spec in self.plant.effects:
+            if spec.name == "actuator_lag":
+                columns = _before_lag(columns, self.sample_time / spec.parameters["time_constant"])
+        return columns
+
+    @property
+    def _constant(self) -> float:
+        return self.plant.physics.motor_constant or 1.0
+
+    def _at_motor(self, k: int) -> bool:
+        return bool(self._effects[k][1].port == "command")
+
+    def _driving(self, r: Array) -> Array:
+        """(N,) the command that the first mode takes along `r`; zero where nothing is moved."""
+        m = self._mechanics
+        if not m.modes:
+            return np.zeros_like(r)
+        motion, first = Motion.of_reference(r, self.sample_time), m.modes[0]
+        taken = motion.a + first.damping * motion.v + first.stiffness * motion.x
+        return m.sign * m.moving_mass * taken
 
     def _quotients(self, point: Point) -> tuple[Zpk | None, Zpk | None]:
         """P_x/P and P_F/P; None where the point's motion is the output, its force the command's."""
@@ -126,7 +169,26 @@ class Compensation(Basis):
         """(response from `force` to `row`) / (response from the command to the output)."""
         m = self._mechanics
         top, bottom = _finite(sampled(m, force, row)), _finite(sampled(m, m.b, m.c))
-        return Zpk(top.zeros, bottom.zeros, top.gain / bottom.gain, m.sample_time, -m.delay)
+        return Zpk(top.zeros, bottom.zeros, top.gain / bottom.gain, m.sample_time)
+
+
+def _earlier(r: Array, samples: float) -> Array:
+    """`r` so many samples earlier, a spline between samples, the last value held."""
+    if not samples or len(r) < 4:
+        return r
+    whole = int(samples)
+    held = np.append(r[whole:], np.full(min(whole, len(r)), r[-1]))
+    if samples == whole:
+        return held
+    n = np.arange(len(r) + 1.0)
+    spline = scipy.interpolate.CubicSpline(n, np.append(held, held[-1]))
+    return np.asarray(spline(n[:-1] + (samples - whole)))
+
+
+def _before_lag(columns: Array, step: float) -> Array:
+    """What comes into a lag, `step` of its time constants a sample, for `columns` to come out."""
+    pole = np.exp(-step)
+    return np.asarray((np.vstack([columns[1:], columns[-1:]]) - pole * columns) / (1.0 - pole))
 
 
 def _finite(system: StateSpace) -> Zpk:

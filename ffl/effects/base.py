@@ -332,8 +332,7 @@ class Effect:
         return values
 
     def nonlinear_of(self, values: Parameters) -> dict[str, Any]:
-        """The arguments of `regressors` that belong to these parameters: what the coefficients of
-        `from_coefficients` leave out."""
+        """The arguments of `regressors` here: what the coefficients of `from_coefficients` leave out."""
         return {p.name: values[p.name] for p in self.parameters if not p.linear}
 
     def coefficients_of(self, values: Parameters) -> Array:
@@ -351,12 +350,13 @@ class Effect:
 
     # --- feedforward -----------------------------------------------------------------------------
 
+    def compensated_along(self, values: Parameters) -> dict[str, Any]:
+        return self.nonlinear_of(values)  # the arguments of `compensation`
+
     def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
-        """(N, k) feedforward signals, in the unit of the port, that cancel the effect when weighted
-        with its coefficients; None where there are none (a sensor effect, an unknown time)."""
-        if self.port != "force":
-            return None
-        return -self.regressors(motion, **nonlinear)
+        """(N, k) signals, in the unit of the port, that cancel the effect when weighted with its
+        coefficients, `motion.u` what the rest of the machine takes; None: there are none."""
+        return -self.regressors(motion, **nonlinear) if self.port == "force" else None
 
     # --- words -----------------------------------------------------------------------------------
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ffl.effects.base import Effect, Motion, Parameter, Parameters
 from ffl.effects.law import MEAN, SLOPE, STEP, V0, X0
 from ffl.systems.plant import Plant
 from ffl.systems.state_space import Array
+
+WEAKEST = 0.1  # of the force per command, that is made good
 
 
 def _law(p, s, io):  # type: ignore[no-untyped-def]
@@ -53,6 +57,19 @@ class PositionDependentGain(Effect):
     def regressors(self, motion: Motion, **nonlinear: float) -> Array:
         away = motion.x - nonlinear["centre"]
         return np.column_stack([away * motion.u, away**2 * motion.u])
+
+    def compensated_along(self, values: Parameters) -> dict[str, Any]:
+        return dict(values)
+
+    def compensation(self, motion: Motion, **nonlinear: float) -> Array | None:
+        """-(x - c) u/k and -(x - c)^2 u/k: weighted with the coefficients, (1/k - 1) u, with
+        k = 1 + linear (x - c) + quadratic (x - c)^2 by those coefficients."""
+        columns = self.regressors(motion, **nonlinear)
+        away = motion.x - nonlinear["centre"]
+        gain = 1.0 + nonlinear["linear_coefficient"] * away
+        gain += nonlinear["quadratic_coefficient"] * away**2
+        # Where the motor has no force left, none can be asked for.
+        return -columns / np.maximum(gain, WEAKEST)[:, None]
 
     def says(self, values: Parameters, plant: Plant) -> str:
         return (

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ffl.bases import Compensation, SumBasis, make_basis
+from ffl.bases import Compensation, Derivatives, SumBasis, make_basis
 from ffl.effects import EFFECTS, Motion
 from ffl.effects.slip import slip
 from ffl.errors import InputError
+from ffl.learn import AlongTrajectory, Weights
 from ffl.machines import Simulator
 from ffl.systems import EffectSpec, Move, load_plant, moves
 
@@ -138,3 +139,65 @@ def test_the_word_stands_for_derivatives_and_compensations():
         make_basis("from_thin_air", T, model)
     with pytest.raises(InputError, match=r"\[0\].plant is missing"):
         make_basis([{"kind": "from_diagnosis"}], T)
+
+
+@pytest.fixture(scope="module")
+def hasty():
+    """(machine, reference) of EMPS over moves that its effects show in."""
+    return lambda *effects: (plant(FRICTION, *effects), REFERENCE)
+
+
+def left_by(machine, reference, stated_of):
+    """|r - y| over what feedback alone leaves, with derivatives and the compensation of `stated_of`."""
+    basis = SumBasis(
+        [
+            Derivatives(["velocity", "acceleration", "jerk", "snap"], T),
+            Compensation(stated_of),
+        ]
+    )
+    update = AlongTrajectory(machine, basis, reference, Weights(1e9, 1e-9, 0.0))
+    plan = update.plan(np.zeros(basis.n_parameters))
+    errors = [reference - update.output(f) for f in (plan.feedforward, 0 * reference)]
+    return np.linalg.norm(errors[0]) / np.linalg.norm(errors[1]), plan.theta
+
+
+@pytest.mark.parametrize(
+    "late",
+    [
+        EffectSpec("input_delay", {"delay": 2.6e-3}),
+        EffectSpec("input_delay", {"delay": 3e-3}),
+        EffectSpec("actuator_lag", {"time_constant": 4e-3}),
+    ],
+)
+def test_what_arrives_late_is_sent_earlier(hasty, late):
+    machine, reference = hasty(late)
+    left, theta = left_by(machine, reference, machine)
+    at_once, _ = left_by(machine, reference, plant(FRICTION))
+    assert left < 0.5 * at_once
+    assert theta[-1] == pytest.approx(20.0, rel=0.05)
+
+
+def test_a_motor_that_is_weaker_elsewhere_is_asked_for_more():
+    """With the stated numbers it is exact: what friction and mass take, by 1/k - 1."""
+    gain = EffectSpec(
+        "position_dependent_gain",
+        {"linear_coefficient": 1.2, "quadratic_coefficient": -14.0, "centre": 0.01},
+    )
+    machine = plant(FRICTION, gain)
+    basis = Compensation(machine)
+    assert basis.names == [
+        "coulomb_friction",
+        "position_dependent_gain[0]",
+        "position_dependent_gain[1]",
+    ]
+    left, theta = left_by(machine, REFERENCE, machine)
+    without, _ = left_by(machine, REFERENCE, plant(FRICTION))
+    assert left < 0.2 * without
+    assert theta[-2:] == pytest.approx([1.2, -14.0], rel=0.1)
+    v, a = np.gradient(REFERENCE, T), np.gradient(np.gradient(REFERENCE, T), T)
+    away = REFERENCE - 0.01
+    k = 1.0 + 1.2 * away - 14.0 * away**2
+    taken = machine.physics.mass * a + basis.regressors(REFERENCE)[:, 0] * 20.0
+    asked = basis.regressors(REFERENCE)[:, 1:] @ [1.2, -14.0]
+    assert asked == pytest.approx((1.0 / k - 1.0) * taken, rel=1e-6, abs=1e-3 * np.abs(taken).max())
+    assert np.abs(v).max() > 0.3

@@ -9,7 +9,17 @@ from numpy.random import SeedSequence
 from ffl.bases import Compensation, Derivatives, Friction, SumBasis
 from ffl.learn import AlongTrajectory, Constraints, LearningTask, NormOptimal, Weights, learn
 from ffl.machines import SimulatedMachine
-from ffl.systems import EffectSpec, Move, Physics, Plant, load_plant, moves, zero_order_hold
+from ffl.systems import (
+    Controller,
+    EffectSpec,
+    Move,
+    Physics,
+    Plant,
+    Zpk,
+    load_plant,
+    moves,
+    zero_order_hold,
+)
 
 T = 1e-3
 WEIGHTS = Weights(1e9, 1e-9, 0.0)
@@ -134,6 +144,7 @@ def test_the_residual_is_that_of_the_parameters_returned(
     stage, basis, reference, feedback_only, monkeypatch
 ):
     """After one round it is what the next one still moves, relative to the error there was."""
+    monkeypatch.setattr("ffl.learn.along_trajectory.ELSEWHERE", 0)
     along = AlongTrajectory(stage, basis, reference, WEIGHTS)
     outputs, residuals = [], []
     for rounds in (1, 2):
@@ -169,3 +180,46 @@ def test_it_learns_from_a_trial_without_any_command():
     task = LearningTask(model, SimulatedMachine(model), basis, reference, Weights(1.0, 1e-14, 0.0))
     norms = [trial.error_norm for trial in learn(task, 3, SeedSequence(0))]
     assert norms[-1] < 0.1 * norms[0]
+
+
+@pytest.fixture(scope="module")
+def bonder():
+    """0.35 kg that fast moves bring to rest within its dry friction, behind a servo of 45 Hz."""
+    step = 2.5e-4
+    zeros, poles = np.array([0.989199223668237, 0.980843053587914]), np.array([1.0, 0.5681])
+    controller = Controller.of_error(Zpk(zeros, poles, 8257.2, step))
+    system = zero_order_hold([], [0.0, -11.43], 57.143, step)
+    machine = Plant(
+        "bonder", system, controller, "A", "m", "for tests", Physics(0.35, 20.0),
+        effects=(EffectSpec("coulomb_friction", {"level": 0.9}),),
+    )  # fmt: skip
+    path = [Move(0.1, 0.02, 0.5, 30.0, 6000.0), Move(0.3, -0.02, 0.5, 30.0, 6000.0)]
+    return machine, moves(path, 0.6, step)
+
+
+def learned(bonder, *parts):
+    machine, reference = bonder
+    basis = SumBasis([Derivatives(sample_time=machine.sample_time), *parts])
+    update = AlongTrajectory(machine, basis, reference, Weights(50.0, 1e-7, 0.0))
+    none = 0.0 * reference
+    error = reference - update.output(none)
+    theta = update.update(np.zeros(basis.n_parameters), error).theta
+    left = reference - update.output(basis.regressors(reference) @ theta)
+    return theta, np.linalg.norm(left), np.linalg.norm(error)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_twice_the_friction_is_no_place_to_stay(bonder, monkeypatch, known):
+    """Fed forward twice, friction stops the machine short as none does: there a descent ends."""
+    if not known:
+        monkeypatch.setattr(Compensation, "stated", property(lambda self: np.full(1, np.nan)))
+    compensation = Compensation(bonder[0])
+    theta, left, begun = learned(bonder, compensation)
+    assert theta[-1] == pytest.approx(0.9, rel=0.03)
+    assert left < 3e-3 * begun
+    _, without, _ = learned(bonder)
+    assert left < 0.05 * without
+    monkeypatch.setattr("ffl.learn.along_trajectory.ELSEWHERE", 0)
+    theta, stuck, _ = learned(bonder, compensation)
+    assert theta[-1] > 1.5
+    assert stuck > without

@@ -27,7 +27,7 @@ def test_gravity_is_named_where_an_angle_goes_far(stage, references, reach, unit
     rng = np.random.default_rng(4)
     fit, held = (
         machine.run(r, np.zeros_like(r), rng)
-        for r in (r[:1600] * reach / np.max(np.abs(r[:1600])) for r in references)
+        for r in (r[:1200] * reach / np.max(np.abs(r[:1200])) for r in references)
     )
     answer = diagnose(plant, [fit], [held]).answer()
     names = {effect["name"] for effect in answer["effects"]}
@@ -73,13 +73,12 @@ def test_gravity_and_friction_hide_one_another_where_no_noise_is_stated():
     machine = SimulatedMachine(replace(plant, effects=effects, machine=noise))
     rng = np.random.default_rng(8)
     paths = (
-        [Move(0.3, 1.6, 2.5, 12.0, 200.0), Move(1.4, -2.4, 1.0, 6.0, 100.0)],
-        [Move(0.3, -0.35, 0.1, 2.0, 50.0)],
-        [Move(0.3, 1.1, 0.6, 5.0, 100.0), Move(2.6, -1.5, 1.8, 8.0, 100.0)],
+        ([Move(0.2, 1.6, 2.5, 12.0, 200.0), Move(1.2, -1.4, 1.0, 6.0, 100.0)], 2.9),
+        ([Move(0.2, -0.25, 0.1, 2.0, 50.0)], 2.9),
+        ([Move(0.2, 1.1, 0.6, 5.0, 100.0), Move(2.3, -1.5, 1.8, 8.0, 100.0)], 3.6),
     )
-    *fit, held = (
-        machine.run(r, np.zeros_like(r), rng) for r in (moves(p, 4.2, 0.002) for p in paths)
-    )
+    references = (moves(path, until, 0.002) for path, until in paths)
+    *fit, held = (machine.run(r, np.zeros_like(r), rng) for r in references)
     answer = diagnose(plant, fit, [held]).answer()
     assert answer["verdict"] == "explained"
     found = {e["name"]: e["parameters"] for e in answer["effects"]}
