@@ -106,7 +106,7 @@ def step(
     json: Json = False,
 ) -> None:
     """One learning step on a real machine's recording: next feedforward and new state."""
-    from ffl.report.step import relative, step_with_report
+    from ffl.report.step import error_told, relative, step_with_report
     from ffl.report.terminal import print_table, working
 
     with working("step"):
@@ -114,7 +114,7 @@ def step(
     if json:
         print_json(answer)
         return
-    rows = [[p["name"], p["value"], p["std_error"]] for p in answer["parameters"]]
+    rows = [[p["name"], p["value"], error_told(p)] for p in answer["parameters"]]
     print_table(["parameter", "value", "std error (noise)"], rows)
     for note in answer["notes"]:
         print(f"note: {note}")

@@ -98,7 +98,11 @@ class AlongTrajectory:
     differences, brings more. That is a minimum nearby, not always the least: of a stage with friction and
     four limits on its command a search without derivatives found 0 to 3 % less.
 
-    Cost: rounds * n simulations of N samples, three times that in the last.
+    Where a descent has ended it goes on from whatever is better elsewhere (`_elsewhere`).
+
+    `lead` (M,): the reference of the samples before the first, from rest; f holds its first value there,
+    and nothing of them is judged.
+    Cost: rounds * n simulations of N + M samples, three times that in the last.
     """
 
     def __init__(
@@ -108,8 +112,9 @@ class AlongTrajectory:
         reference: ArrayLike,
         weights: Weights,
         constraints: Constraints | None = None,
+        lead: ArrayLike = (),
     ) -> None:
-        self.reference = np.asarray(reference, float)
+        self.reference, self._lead = np.asarray(reference, float), np.asarray(lead, float)
         self._problem = NormOptimal(model, basis, self.reference, weights, constraints)
         self.regressors, self.weights = self._problem.regressors, weights
         self._stated = basis.stated
@@ -122,9 +127,18 @@ class AlongTrajectory:
         """Noise-free y of the model with `feedforward` (N,), NaN from where it diverges."""
         return self._run(feedforward)[0]
 
-    def update(self, theta: Array, error: Array, command: Array | None = None) -> Update:
-        """The next parameters from trial j: its `theta` (n,), `error` e_j (N,) and `command` u_j."""
-        y, u = self._run(self.regressors @ theta)
+    def update(
+        self,
+        theta: Array,
+        error: Array,
+        command: Array | None = None,
+        applied: Array | None = None,
+        load: Array | None = None,
+    ) -> Update:
+        """The next parameters from trial j: its `theta` (n,), `error` e_j (N,) and `command` u_j; `applied`
+        (N,) the feedforward that it ran with, where it is not that of `theta`, `load` (N,) what pushed
+        beside the command in it alone."""
+        y, u = self._run(self.regressors @ theta if applied is None else applied, load)
         if not np.all(np.isfinite(y)):
             raise InputError(
                 f"update = 'trajectory': model '{self._model.name}' with its effects diverges on the "
@@ -139,20 +153,31 @@ class AlongTrajectory:
         nothing = np.zeros(len(self.reference))
         return self._descend(theta, (nothing, nothing), PLANNED_ROUNDS)
 
-    def predicted(self, theta: Array, error: Array, following: Array) -> Array:
+    def predicted(
+        self,
+        theta: Array,
+        error: Array,
+        following: Array,
+        applied: Array | None = None,
+        load: Array | None = None,
+    ) -> Array:
         """r - y (N,) that the model foretells for parameters `following` after a trial with `theta`
-        and `error`; without noise."""
-        said = self.output(self.regressors @ following) - self.output(self.regressors @ theta)
-        return error - said
+        and `error`, `applied` and `load` as of `update`; without noise."""
+        before = self._run(self.regressors @ theta if applied is None else applied, load)[0]
+        return error - (self.output(self.regressors @ following) - before)
 
-    def _run(self, feedforward: Array) -> tuple[Array, Array]:
-        run = self._simulator.run(
+    def _run(self, feedforward: Array, load: Array | None = None) -> tuple[Array, Array]:
+        m, simulator = len(self._lead), self._simulator
+        whole = np.concatenate([self._lead, self.reference])
+        run = simulator.run(
             self._model.effects,
-            self.reference,
-            feedforward,
+            whole,
+            np.concatenate([np.full(m, feedforward[0]), feedforward]),
+            force=None if load is None else np.concatenate([np.zeros(m), load]),
+            start=simulator.at_rest(float(whole[0])) if whole[0] else None,
             command_limit=self._model.machine.command_limit,
         )
-        return run.y, run.u
+        return run.y[m:], run.u[m:]
 
     def _descend(self, theta: Array, unsaid: tuple[Array, Array], rounds: int) -> Update:
         """Gauss-Newton from `theta`; `unsaid`: what y and u hold beside the model's."""

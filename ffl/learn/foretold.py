@@ -40,9 +40,7 @@ def foretold(model: Plant, recording: Recording, feedforward: Array) -> Foretold
     Raises `InputError` where the model with its effects diverges.
     """
     r = recording.r
-    steps = np.arange(LEAD, 0.0, -1.0)
-    before = r[0] - (r[1] - r[0]) * steps
-    whole = np.concatenate([before, r])
+    whole = np.concatenate([led_in(r), r])
     simulator = Simulator(model)
     errors = []
     for f in (recording.f, feedforward):
@@ -62,3 +60,9 @@ def foretold(model: Plant, recording: Recording, feedforward: Array) -> Foretold
             )
         errors.append(r - run.y[LEAD:])
     return Foretold(recording.source, r - recording.y, *errors)
+
+
+def led_in(reference: Array) -> Array:
+    """(LEAD,) the reference before its first sample: backwards at the velocity it has there."""
+    steps = np.arange(LEAD, 0.0, -1.0)
+    return np.asarray(reference[0] - (reference[1] - reference[0]) * steps)

@@ -9,11 +9,14 @@ from numpy.typing import ArrayLike
 
 from ffl.bases import Basis
 from ffl.errors import InputError
+from ffl.learn.along_trajectory import AlongTrajectory
 from ffl.learn.constraints import Constraints
 from ffl.learn.coordinates import orthonormal
+from ffl.learn.foretold import led_in
 from ffl.learn.norm_optimal import NormOptimal, UpdateReport
 from ffl.learn.standard_errors import standard_errors
 from ffl.learn.weights import Weights, apply_weight, is_zero
+from ffl.machines import is_linear
 from ffl.recordings import Recording
 from ffl.systems import Plant
 from ffl.systems.state_space import Array
@@ -23,6 +26,7 @@ INJECTED = 0.01  # share of |f| that rounding in a file does not leave: somethin
 NEARLY = (
     2.0  # times what no parameters give: an injection lies across the basis rather than along it
 )
+BEGINNING, REST = 5, 1e-3  # samples of a beginning, and of the largest speed what is none
 STILL = 3.0  # standard errors that a parameter may move in a step while learning has settled
 
 
@@ -76,6 +80,9 @@ def learn_from_recording(
     11 % (4.455 +- 0.029 kg) and 0.4 %. That the recording cannot tell: the part of SP's error that
     lies along the basis leaves no residual. A note says so until a step moves no parameter by more
     than `STILL` standard errors.
+    Of a model with effects the step is that of `AlongTrajectory` (`path` "auto"), where the reference
+    begins at rest: what state friction and the like are in when a recording begins in motion, x_0 does
+    not say, and there the step is the linear one.
     Raises `InputError` where the recording and the model do not fit. Cost O(N (n + n_x)^2).
     """
     _check(model, recording)
@@ -107,10 +114,16 @@ def learn_from_recording(
     start, joint = _joint(response, free, phi, target, weights)
     command = recording.f if model.controller is None else recording.u
     try:
-        update = updater.update(theta, target - start - response @ theta, command)
+        if path == "auto" and not is_linear(model) and _from_rest(recording.r):
+            lead = led_in(recording.r)
+            along = AlongTrajectory(model, _GoingOn(basis), recording.r, weights, constraints, lead)
+            update = along.update(theta, error, command, recording.f, recording.d)
+            predicted = along.predicted(theta, error, update.theta, recording.f, recording.d)
+        else:
+            update = updater.update(theta, target - start - response @ theta, command)
+            predicted = target - start - response @ update.theta
     except InputError as refused:
         raise InputError(f"{recording.source}: {refused}") from None
-    predicted = target - start - response @ update.theta
     servo = orthonormal(joint)
     own = apply_weight(weights.error, sp.filter(_servo(model, recording.r)))
     said = standard_errors(joint, apply_weight(weights.error, predicted), updater.loop)
@@ -134,7 +147,8 @@ def learn_from_recording(
 
 def _still_moving(names: list[str], moved: Array, std_error: Array) -> list[str]:
     """A note where the step had more to correct than noise."""
-    share = np.abs(moved) / np.maximum(std_error, 1e-300)
+    told = std_error > 0.0  # of a direction that no data see there is no error
+    share = np.where(told, np.abs(moved) / np.where(told, std_error, 1.0), 0.0)
     most = int(np.argmax(share))
     if share[most] <= STILL:
         return []
@@ -239,6 +253,12 @@ def _joint(
     theta = joint.theta(joint.coordinates(np.concatenate(right)))
     state = basis.theta(basis.coordinates(b - columns @ theta))
     return free @ state, clean
+
+
+def _from_rest(reference: Array) -> bool:
+    """Whether the reference stands still at first."""
+    moved = np.abs(np.diff(reference))
+    return bool(moved[:BEGINNING].max(initial=0.0) <= REST * moved.max(initial=0.0))
 
 
 def _servo(model: Plant, reference: Array) -> Array:

@@ -25,6 +25,8 @@ from ffl.systems import Plant, load_plant
 from ffl.systems.atomic import require_own, write_text
 from ffl.systems.state_space import Array
 
+UNTOLD = 1e3  # times a parameter: a standard error beyond says nothing of it
+
 
 def step_with_report(
     model_path: Path,
@@ -167,6 +169,13 @@ def relative(entry: Mapping[str, float]) -> str:
     return f"{entry['relative']:+.1%}" if "relative" in entry else "-"
 
 
+def error_told(entry: Mapping[str, float]) -> float | str:
+    """The standard error of a parameter; where this trial says nothing of it, or nothing that another
+    parameter does not take back, that."""
+    error, size = entry["std_error"], abs(entry["value"])
+    return error if error > 0.0 and (error < UNTOLD * size or not size) else "not told"
+
+
 def step_page(
     step: Step,
     recording: Recording,
@@ -198,7 +207,7 @@ def step_page(
     page.table(
         header,
         [
-            [p["name"], p["value"], p["std_error"], *([p["on_plant"]] if servo else [])]
+            [p["name"], p["value"], error_told(p), *([p["on_plant"]] if servo else [])]
             for p in answer["parameters"]
         ],
         "One norm-optimal step, from a state of the loop that is estimated with it. Standard errors "
