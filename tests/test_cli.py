@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -462,3 +463,8 @@ def test_a_report_of_another_command_is_kept(stage_recording, refuse, tmp_path, 
     model = tmp_path / "model.toml"
     refuse("diagnose", "--model", model, stage_recording, "--out", out, says="another command")
     assert (out / "report.html").read_text() == page
+
+
+def test_it_says_which_version_it_is(capsys):
+    assert execute(["--version"]) == 0
+    assert re.fullmatch(r"ffl \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)

@@ -60,6 +60,13 @@ def make_basis(
     return parts[0] if len(parts) == 1 else SumBasis(parts)
 
 
+def basis_kind(basis: Basis) -> str:
+    """The `kind` by which a campaign file names the basis; of a sum those of its parts."""
+    if isinstance(basis, SumBasis):
+        return " + ".join(basis_kind(part) for part in basis.parts)
+    return next((kind for kind, made in BASES.items() if made is type(basis)), type(basis).__name__)
+
+
 def _make_one(
     spec: Mapping[str, Any], where: str, sample_time: float, plant: Plant | None
 ) -> Basis:
@@ -111,6 +118,7 @@ __all__ = [
     "FreeSignal",
     "Friction",
     "SumBasis",
+    "basis_kind",
     "derivative",
     "make_basis",
 ]

@@ -11,7 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from ffl.bases import FIR, OBF, Basis, Combination, Derivatives, Filter, Friction, SumBasis
+from ffl.bases import (
+    FIR,
+    OBF,
+    Basis,
+    Combination,
+    Derivatives,
+    Filter,
+    Friction,
+    SumBasis,
+    basis_kind,
+)
 from ffl.bases.friction import STANDS
 from ffl.bases.obf import all_pass
 from ffl.campaign.c_header import WRITTEN, c_header
@@ -104,7 +114,7 @@ def realise(basis: Basis, theta: Array) -> Realisation:
             )
         else:
             raise InputError(
-                f"basis {type(part).__name__} is not a filter of the reference; export csv or mat"
+                f"basis '{basis_kind(part)}' is not a filter of the reference; export csv or mat"
             )
     if sum(isinstance(part, OBF) for part, _ in parts) > 1:
         raise InputError("export of more than one 'obf' table is not possible; join their poles")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ffl.bases import basis_kind
 from ffl.campaign.config import (
     Campaign,
     check_campaign,
@@ -199,7 +200,7 @@ def _campaign(campaign: Campaign) -> Facts:
     }
     for run in campaign.runs:
         facts[f"run {run.name}"] = (
-            f"{type(run.basis).__name__}, {campaign.parameters(run)} parameters, update {run.update}"
+            f"{basis_kind(run.basis)}, {campaign.parameters(run)} parameters, update {run.update}"
         )
     return facts
 

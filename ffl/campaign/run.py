@@ -58,7 +58,8 @@ def run_campaign(
         waiting: list[Job] = []
         for run in campaign.runs:
             after = last_trial(store.signals(run.name), campaign.sample_time)
-            done = after is not None and read_second(store.signals(run.name)) is not None
+            last = after is not None and after.number >= campaign.trials
+            done = last and read_second(store.signals(run.name)) is not None
             waiting.append((run.name, after, done))
             if after is not None and progress is not None:
                 progress(run.name, after.number, after.error_norm)

@@ -38,6 +38,7 @@ def append_trial(
         with h5py.File(aside, "a" if trial.number > 1 else "w") as file:
             if trial.number == 1:
                 _create(file, trial, reference, units, names)
+            file.pop("second", None)  # it was run with the parameters of an earlier trial
             _add(file, trial)
         replace_synced(aside, path)
 

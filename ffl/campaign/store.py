@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -87,7 +88,8 @@ class Store:
     def open(cls, folder: Path, files: Mapping[str, str], resume: bool) -> Store:
         """Makes or resumes the folder; refuses one that holds something else.
 
-        `files` are the resolved campaign's; a folder made from another campaign is refused.
+        `files` are the resolved campaign's; a folder made from another campaign is refused, but for one
+        of fewer trials: learning goes on.
         """
         require_folder(folder)
         present = [p for p in folder.iterdir() if not _is_rest(p)] if folder.is_dir() else []
@@ -103,7 +105,7 @@ class Store:
             )
         for name, text in files.items():
             path = folder / name
-            if path.is_file() and path.read_text() != text:
+            if path.is_file() and not _goes_on(path.read_text(), text):
                 line = _first_difference(path.read_text(), text)
                 raise InputError(
                     f"{path}: the campaign has changed since the folder was made ({line}); give "
@@ -114,7 +116,7 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             store._hold()
             for name, text in files.items():
-                if not (folder / name).is_file():
+                if not (folder / name).is_file() or (folder / name).read_text() != text:
                     write_text(folder / name, text)
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
@@ -155,6 +157,18 @@ class Store:
 def _is_rest(path: Path) -> bool:
     """What an interrupted write may leave behind."""
     return path.name == ".lock" or (path.name.startswith(".") and path.name.endswith(".part"))
+
+
+def _goes_on(old: str, new: str) -> bool:
+    """Whether the file `new` is that of `old`, or of the same campaign with more trials."""
+    if old == new:
+        return True
+    try:
+        before, after = tomllib.loads(old), tomllib.loads(new)
+        fewer = before.pop("trials") <= after.pop("trials")
+    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+        return False
+    return bool(fewer and before == after)
 
 
 def _first_difference(old: str, new: str) -> str:

@@ -114,6 +114,18 @@ def test_resume_accepts_empty_partial_and_finished(undisturbed, write_campaign, 
     assert (tmp_path / "whole" / "fir.h5").stat().st_mtime_ns == before
 
 
+def test_learning_goes_on_where_more_trials_are_wanted(undisturbed, write_campaign, tmp_path):
+    """As if they had been wanted from the beginning, the second reference run anew; never fewer."""
+    more = load_campaign(write_campaign(("trials = 3", "trials = 5")))
+    run_campaign(more, tmp_path / "at once")
+    run_campaign(more, tmp_path / "whole", resume=True)
+    assert stable(tmp_path / "whole") == stable(tmp_path / "at once")
+    assert "trials = 5" in (tmp_path / "whole" / "campaign.toml").read_text()
+    fewer, _ = undisturbed
+    with pytest.raises(InputError, match=r"was 'trials = 5', is 'trials = 3'"):
+        run_campaign(fewer, tmp_path / "whole", resume=True)
+
+
 class Interrupted(Exception):
     pass
 

@@ -150,5 +150,5 @@ def test_json_states_the_friction_formula_and_a_free_run_is_refused(
     for format in ("json", "c"):
         assert execute([*export, "free", "--format", format]) == 2
         said = capfd.readouterr().err
-        assert said == "ffl: basis FreeSignal is not a filter of the reference; export csv or mat\n"
+        assert said == "ffl: basis 'free' is not a filter of the reference; export csv or mat\n"
     assert not (tmp_path / "f.json").exists()
