@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator, SymmetricalLogLocato
 from ffl.report.page import COLOURS, LINES, MARKERS, Dash
 from ffl.systems.state_space import Array
 
+LINEAR = 2.0  # times its last value: where a parameter went farther, a picture of it is logarithmic
 Curve = tuple[str, Array]  # label, values
 
 
@@ -118,8 +119,9 @@ def parameters(ax: Axes, theta: Array, title: str) -> Axes:
     trials = np.arange(1, len(theta) + 1)
     for k, column in enumerate(relative.T):
         ax.plot(trials, column, color=COLOURS[k % 6], linestyle=LINES[(k // 6) % 6], linewidth=1.1)
-    ax.set_yscale("symlog", linthresh=2.0)
-    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=2.0))
+    if np.abs(relative).max(initial=0.0) > LINEAR:
+        ax.set_yscale("symlog", linthresh=LINEAR)
+        ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=LINEAR))
     ax.set_title(title)
     ax.set_xlabel("trial")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))

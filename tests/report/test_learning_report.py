@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from ffl.campaign import load_campaign, run_campaign
 from ffl.report.finished import cumulative_power, motion_interval, pre_actuation, read_folders
 from ffl.report.learning import run_with_report, write_report
+from ffl.report.learning_figures import parameters
 from ffl.report.learning_page import wrong_way
+from ffl.report.page import subplots
 from ffl.report.weight_words import equal_error_weights, in_words
 from ffl.systems import Zpk, zero_order_hold
 
@@ -217,3 +219,15 @@ def test_a_run_of_an_earlier_version_is_read_and_gone_on_with(write_campaign, tm
         assert len(new["error_norm"]) == 3
         assert not any("left_out" in update for update in new["update"])
     write_report([out], tmp_path / "page.html")
+
+
+@pytest.mark.parametrize(("most", "scale"), [(1.2, "linear"), (30.0, "symlog")])
+def test_parameters_have_ticks_that_are_read(most, scale):
+    """Of a logarithmic axis that ends before its first power the ends were the ticks, 1.11272 x 10^0."""
+    _, ax = subplots()
+    parameters(ax, np.array([[0.0, 0.0], [most, -1.1], [1.0, -1.0]]), "run")
+    assert ax.get_yscale() == scale
+    low, high = ax.get_ylim()
+    shown = [t for t in ax.get_yticks() if low <= t <= high]
+    assert len(shown) > 2
+    assert all(float(f"{t:.2g}") == pytest.approx(t, abs=1e-12) for t in shown)

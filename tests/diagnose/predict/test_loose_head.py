@@ -108,7 +108,7 @@ def test_forces_along_the_motion_are_taken_where_the_machine_is(seen, spec):
 
 @pytest.mark.slow(20)
 def test_a_play_is_named_with_who_is_missing_beside_it(seen):
-    scene, held, model = seen(LATE, PLAY, samples=2150)
+    scene, held, model = seen(LATE, PLAY, samples=1800)
     standing = judge(scene, held, model, 4)
     lines: list[str] = []
     before = Outcome(standing, [], held, {})
