@@ -9,9 +9,10 @@ point, an output that follows the reference means
 
 both bounded by two-sided filtering where P has zeros outside the unit disc. On a rigid machine both
 quotients are 1. What f meets on its way to the motor is undone: where it arrives `ahead` late the reference
-is read as much earlier, of a lag with pole a = exp(-T/tau) what comes in for it to hold c is
+is read as much earlier, of a lag with pole a = exp(-T/tau) what comes in for c_k to come out in the mean
+over sample k is
 
-    (c_{k+1} - a c_k) / (1 - a),
+    (x_{k+1} - a x_k) / (1 - a),   x_{k+1} = c_k + (1 + tau/T - 1/(1 - a)) (c_{k+1} - c_k),
 
 and a motor whose force per command is k(x) asks, with u_r = M (a + d v + c x) and the forces cancelled
 what the machine takes, for (1/k(x) - 1) u_r beside that.
@@ -134,7 +135,7 @@ class Compensation(Basis):
         columns = np.hstack([blocks[k] for k in range(len(blocks))])
         for spec in self.plant.effects:
             if spec.name == "actuator_lag":
-                columns = _before_lag(columns, self.sample_time / spec.parameters["time_constant"])
+                columns = _before_lag(columns, spec.parameters["time_constant"], self.sample_time)
         return columns
 
     @property
@@ -185,10 +186,17 @@ def _earlier(r: Array, samples: float) -> Array:
     return np.asarray(spline(n[:-1] + (samples - whole)))
 
 
-def _before_lag(columns: Array, step: float) -> Array:
-    """What comes into a lag, `step` of its time constants a sample, for `columns` to come out."""
+def _before_lag(columns: Array, time_constant: float, sample_time: float) -> Array:
+    """What comes into a lag for `columns` to come out, in the mean over each sample."""
+    if time_constant <= 0.0:
+        return columns
+    step = sample_time / time_constant
     pole = np.exp(-step)
-    return np.asarray((np.vstack([columns[1:], columns[-1:]]) - pole * columns) / (1.0 - pole))
+    # Over a sample the lag has gone the share w of its way in the mean: its values at the samples' ends.
+    later = 1.0 + 1.0 / step - 1.0 / (1.0 - pole)
+    ends = columns + later * (np.vstack([columns[1:], columns[-1:]]) - columns)
+    begun = np.vstack([columns[:1], ends[:-1]])
+    return np.asarray((ends - pole * begun) / (1.0 - pole))
 
 
 def _finite(system: StateSpace) -> Zpk:
