@@ -23,7 +23,7 @@ FRICTION = EffectSpec("coulomb_friction", {"level": 1.0})
 def test_a_preload_is_named_where_there_is_one(stage, references, hidden):  # type: ignore[no-untyped-def]
     machine = SimulatedMachine(replace(stage, effects=hidden))
     rng = np.random.default_rng(6)
-    fit, held = (machine.run(r, np.zeros_like(r), rng) for r in (r[:2200] for r in references))
+    fit, held = (machine.run(r, np.zeros_like(r), rng) for r in (r[:1700] for r in references))
     answer = diagnose(stage, [fit], [held]).answer()
     assert answer["verdict"] == "explained"
     found = {e["name"]: e["parameters"] for e in answer["effects"]}
