@@ -28,6 +28,9 @@ SHORTEST = 1e-3  # of a Newton step, below which the criterion does not fall alo
 HALVINGS = 10  # of the way from there to twice as far, where a bound lies between
 BENDS = 5  # corrections of a step for the command's bend along it
 ELSEWHERE = 3  # descents from elsewhere at most, each from what is better than the last one's end
+CLEARLY = (
+    0.8  # of the criterion where a descent ended: what is better elsewhere is more than noise makes
+)
 FEASIBLE = 1e-9  # violation of a bound that passes for none, relative to the bound
 
 
@@ -220,21 +223,21 @@ class AlongTrajectory:
         return here, "optimal_inaccurate"
 
     def _elsewhere(self, begun: _Point, here: _Point, trial: _Trial) -> _Point:
-        """What is better than `here`, where a descent ended: the linear part's answer to where it `begun`,
-        what the effects' stated numbers come to in one step, or `here` without half of one parameter;
-        else `here`. (Twice a friction stops the machine short at each reversal by as much as none does:
-        a minimum, of 200 times the least criterion.)"""
+        """What is clearly better than `here`, where a descent ended: the linear part's answer to where it
+        `begun`, what the effects' stated numbers come to in one step (after a long way), or `here`
+        without half of one parameter; else `here`. (Twice a friction stops the machine short at each
+        reversal by as much as none does: a minimum, of 200 times the least criterion.)"""
         linear = self._problem.update(begun.theta, begun.error, begun.command, trial.before)
         starts = [] if linear.report.status == "infeasible" else [self._at(linear.theta, trial)]
         known = np.isfinite(self._stated)
-        if known.any():
+        if known.any() and _clearer(here, begun):
             there = self._at(np.where(known, self._stated, here.theta), trial)
             moved = self._moved(there, *self._linearised(there, trial), trial)
             starts += [there] if moved is None else [moved]
         starts += [self._at(here.theta - 0.5 * part, trial) for part in np.diag(here.theta)]
         best = here
         for point in starts:
-            best = point if point.better_than(best) and not _settled(here, point) else best
+            best = point if point.better_than(best) and _clearer(point, here) else best
         return best
 
     def _infeasible(self, here: _Point, step: Update, seconds: float) -> UpdateReport:
@@ -347,6 +350,11 @@ class AlongTrajectory:
         command = Tangent(self._q, np.column_stack([(run[1] - u) / probe for run in runs]))
         self._known[share] = output, command
         return output, command
+
+
+def _clearer(point: _Point, other: _Point) -> bool:
+    """Whether `point` is so much better than `other` that what it comes to is worth another descent."""
+    return not (other.feasible and point.feasible) or point.cost < CLEARLY * other.cost
 
 
 def _settled(before: _Point, here: _Point) -> bool:
