@@ -201,3 +201,20 @@ def test_a_motor_that_is_weaker_elsewhere_is_asked_for_more():
     asked = basis.regressors(REFERENCE)[:, 1:] @ [1.2, -14.0]
     assert asked == pytest.approx((1.0 / k - 1.0) * taken, rel=1e-6, abs=1e-3 * np.abs(taken).max())
     assert np.abs(v).max() > 0.3
+
+
+@pytest.mark.parametrize("name", ["emps", "flatbed_printer"])
+def test_a_plants_own_delay_counts_once(name):
+    """Whatever point a force acts at, its compensation comes as many samples earlier."""
+    for side in ("sensor", "motor", "load"):
+        if side == "load" and name == "emps":
+            continue
+        options = {"side": side, "mass_ratio": 1.5} if side == "load" else {"side": side}
+        spring = EffectSpec("hardening_spring", {"cubic_coefficient": 3e3, "centre": 0.03}, options)
+        at_once = plant(spring, name=name)
+        late = replace(at_once, system=replace(at_once.system, delay=at_once.system.delay + 3))
+        reference = np.concatenate([np.zeros(1500), REFERENCE, np.full(1500, REFERENCE[-1])])
+        columns = Compensation(at_once).regressors(reference)
+        earlier = Compensation(late).regressors(reference)
+        most = np.abs(columns).max()
+        assert earlier[1000:-1000] == pytest.approx(columns[1003:-997], abs=1e-3 * most), side
