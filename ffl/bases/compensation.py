@@ -126,7 +126,9 @@ class Compensation(Basis):
             if self._at_motor(k):
                 blocks[k] = columns
                 continue
-            if to_command is not None:
+            if to_command is None:
+                columns = self._mechanics.sign * columns
+            else:
                 columns = np.column_stack(
                     [two_sided_filter(to_command, c, hold=True) for c in columns.T]
                 )
@@ -155,7 +157,8 @@ class Compensation(Basis):
         return m.sign * m.moving_mass * taken
 
     def _quotients(self, point: Point) -> tuple[Zpk | None, Zpk | None]:
-        """P_x/P and P_F/P; None where the point's motion is the output, its force the command's."""
+        """P_x/P and P_F/P; None where the point's motion is the output, its force the command's, or
+        against it where the command drives y down."""
         m = self._mechanics
         moves_alike = np.allclose(point.position, m.c, rtol=1e-9, atol=1e-9 * np.abs(m.c).max())
         pushed_alike = np.allclose(
@@ -192,7 +195,7 @@ def _before_lag(columns: Array, time_constant: float, sample_time: float) -> Arr
         return columns
     step = sample_time / time_constant
     pole = np.exp(-step)
-    # Over a sample the lag has gone the share w of its way in the mean: its values at the samples' ends.
+    # Where the lag must be at the samples' ends for its mean over each to be the column's.
     later = 1.0 + 1.0 / step - 1.0 / (1.0 - pole)
     ends = columns + later * (np.vstack([columns[1:], columns[-1:]]) - columns)
     begun = np.vstack([columns[:1], ends[:-1]])

@@ -11,7 +11,7 @@ from ffl.effects.slip import slip
 from ffl.errors import InputError
 from ffl.learn import AlongTrajectory, Weights
 from ffl.machines import Simulator
-from ffl.systems import EffectSpec, Move, load_plant, moves
+from ffl.systems import EffectSpec, Move, Zpk, load_plant, moves
 
 T = 1e-3
 REFERENCE = moves([Move(0.3, 0.1, 0.4, 4.0, 200.0), Move(1.2, -0.06, 0.4, 4.0, 200.0)], 2.0, T)
@@ -218,3 +218,26 @@ def test_a_plants_own_delay_counts_once(name):
         earlier = Compensation(late).regressors(reference)
         most = np.abs(columns).max()
         assert earlier[1000:-1000] == pytest.approx(columns[1003:-997], abs=1e-3 * most), side
+
+
+def test_of_a_motor_that_drives_y_down_the_command_turns():
+    """Its coefficients are the effects' own, and with the stated ones it tracks as the other does."""
+    gain = EffectSpec("position_dependent_gain", {"linear_coefficient": 1.2, "centre": 0.01})
+    up = plant(FRICTION, SPRING, gain)
+    system = replace(up.system, gain=-up.system.gain)
+    controller = replace(
+        up.controller,
+        **{
+            name: replace(part, gain=-part.gain)
+            for name, part in vars(up.controller).items()
+            if isinstance(part, Zpk)
+        },
+    )
+    down = replace(up, system=system, controller=controller)
+    assert Compensation(down).regressors(REFERENCE) == pytest.approx(
+        -Compensation(up).regressors(REFERENCE), rel=1e-6, abs=1e-9
+    )
+    left, theta = left_by(down, REFERENCE, down)
+    other, same = left_by(up, REFERENCE, up)
+    assert left == pytest.approx(other, rel=0.05)
+    assert theta[4:6] == pytest.approx(same[4:6], rel=0.02)
