@@ -31,6 +31,7 @@ ELSEWHERE = 3  # descents from elsewhere at most, each from what is better than 
 CLEARLY = (
     0.8  # of the criterion where a descent ended: what is better elsewhere is more than noise makes
 )
+LONG = 0.2  # of the criterion where a descent began: what may have passed by something better
 FEASIBLE = 1e-9  # violation of a bound that passes for none, relative to the bound
 
 
@@ -101,7 +102,7 @@ class AlongTrajectory:
     differences, brings more. That is a minimum nearby, not always the least: of a stage with friction and
     four limits on its command a search without derivatives found 0 to 3 % less.
 
-    Where a descent has ended it goes on from whatever is better elsewhere (`_elsewhere`).
+    Where a long descent has ended it goes on from what is clearly better elsewhere (`_elsewhere`).
 
     `lead` (M,): the reference of the samples before the first, from rest; f holds its first value there,
     and nothing of them is judged.
@@ -188,7 +189,9 @@ class AlongTrajectory:
         trial = _Trial(self.regressors @ theta, unsaid)
         begun = self._at(theta, trial)
         here, status = self._down(begun, trial, rounds)
-        for _ in range(ELSEWHERE):
+        # From where an update has ended the next one has a short way: what holds it there was looked for.
+        long = not np.any(theta) or _clearer(here, begun, LONG)
+        for _ in range(ELSEWHERE if long else 0):
             there = self._elsewhere(begun, here, trial)
             if there is here:
                 break
@@ -224,13 +227,13 @@ class AlongTrajectory:
 
     def _elsewhere(self, begun: _Point, here: _Point, trial: _Trial) -> _Point:
         """What is clearly better than `here`, where a descent ended: the linear part's answer to where it
-        `begun`, what the effects' stated numbers come to in one step (after a long way), or `here`
+        `begun`, what the effects' stated numbers come to in one step, or `here`
         without half of one parameter; else `here`. (Twice a friction stops the machine short at each
         reversal by as much as none does: a minimum, of 200 times the least criterion.)"""
         linear = self._problem.update(begun.theta, begun.error, begun.command, trial.before)
         starts = [] if linear.report.status == "infeasible" else [self._at(linear.theta, trial)]
         known = np.isfinite(self._stated)
-        if known.any() and _clearer(here, begun):
+        if known.any():
             there = self._at(np.where(known, self._stated, here.theta), trial)
             moved = self._moved(there, *self._linearised(there, trial), trial)
             starts += [there] if moved is None else [moved]
@@ -352,9 +355,9 @@ class AlongTrajectory:
         return output, command
 
 
-def _clearer(point: _Point, other: _Point) -> bool:
-    """Whether `point` is so much better than `other` that what it comes to is worth another descent."""
-    return not (other.feasible and point.feasible) or point.cost < CLEARLY * other.cost
+def _clearer(point: _Point, other: _Point, share: float = CLEARLY) -> bool:
+    """Whether the criterion at `point` is below this `share` of what it is at `other`."""
+    return not (other.feasible and point.feasible) or point.cost < share * other.cost
 
 
 def _settled(before: _Point, here: _Point) -> bool:
