@@ -288,7 +288,7 @@ def test_run_report_export_inspect_rerun(write_campaign, tmp_path, capfd, monkey
 
 def test_a_free_signal_counts_as_results_do(write_campaign, capfd):
     assert execute(["inspect", str(write_campaign()), "--json"]) == 0
-    assert "FreeSignal, 500 parameters" in json.loads(capfd.readouterr().out)["run free"]
+    assert "free, 500 parameters" in json.loads(capfd.readouterr().out)["run free"]
 
 
 def test_check_says_what_is_sound(write_campaign, capfd):
