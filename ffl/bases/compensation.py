@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from ffl.bases.base import Basis
 from ffl.effects import Mechanics, Motion, Point, effect_of
-from ffl.effects.linear_mechanics import mechanics_with_effects
+from ffl.effects.linear_mechanics import mechanics_with_effects, times_of
 from ffl.errors import InputError
 from ffl.systems import Plant, StateSpace, Zpk
 from ffl.systems.state_space import Array
@@ -89,14 +89,10 @@ class Compensation(Basis):
         return list(self._names)
 
     @property
-    def theta(self) -> Array:
+    def stated(self) -> Array:
         """The weights that the plant file's own parameters give."""
         parts = [effect.coefficients_of(effect.check(spec)) for spec, effect, _ in self._effects]
         return np.concatenate(parts)
-
-    @property
-    def stated(self) -> Array:
-        return self.theta
 
     @property
     def preview(self) -> int:
@@ -105,7 +101,7 @@ class Compensation(Basis):
     @property
     def ahead(self) -> float:
         """Time (s) by which the machine gets a command late."""
-        late = (s.parameters["delay"] for s in self.plant.effects if s.name == "input_delay")
+        late = times_of(self.plant.effects, "input_delay")
         return self._mechanics.delay * self.sample_time + sum(late)
 
     def regressors(self, reference: ArrayLike) -> Array:
@@ -135,9 +131,8 @@ class Compensation(Basis):
             blocks[k] = columns / self._constant
             driving = driving + blocks[k] @ effect.coefficients_of(effect.check(spec))
         columns = np.hstack([blocks[k] for k in range(len(blocks))])
-        for spec in self.plant.effects:
-            if spec.name == "actuator_lag":
-                columns = _before_lag(columns, spec.parameters["time_constant"], self.sample_time)
+        for lag in times_of(self.plant.effects, "actuator_lag"):
+            columns = _before_lag(columns, lag, self.sample_time)
         return columns
 
     @property
@@ -191,8 +186,6 @@ def _earlier(r: Array, samples: float) -> Array:
 
 def _before_lag(columns: Array, time_constant: float, sample_time: float) -> Array:
     """What comes into a lag for `columns` to come out, in the mean over each sample."""
-    if time_constant <= 0.0:
-        return columns
     step = sample_time / time_constant
     pole = np.exp(-step)
     # Where the lag must be at the samples' ends for its mean over each to be the column's.

@@ -253,7 +253,7 @@ def plan(campaign: Campaign, augmented: Plant) -> tuple[SumBasis, AlongTrajector
     alone = NormOptimal(bare, run.basis, campaign.reference, run.weights)
     error = campaign.reference - bare.loop.reference_to_output.filter(campaign.reference)
     start = alone.update(np.zeros(run.basis.n_parameters), error).theta
-    theta = update.plan(np.concatenate([start, compensation.theta])).theta
+    theta = update.plan(np.concatenate([start, compensation.stated])).theta
     return basis, update, theta
 
 

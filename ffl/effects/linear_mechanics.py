@@ -15,6 +15,15 @@ from ffl.errors import InputError
 from ffl.systems.plant import EffectSpec, Plant
 
 SAME = 1e-8  # of the largest number of a machine's matrix
+IN_SERIES = {"actuator_lag": "time_constant", "input_delay": "delay"}  # what makes a command late
+
+
+def times_of(effects: Sequence[EffectSpec], name: str) -> list[float]:
+    """The positive times of all effects of this name, one of `IN_SERIES`."""
+    from ffl.effects import effect_of
+
+    values = [effect_of(e).check(e)[IN_SERIES[name]] for e in effects if e.name == name]
+    return [value for value in values if value > 0]
 
 
 def mechanics_with_effects(plant: Plant) -> Mechanics:

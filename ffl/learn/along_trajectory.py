@@ -12,6 +12,7 @@ from ffl.bases import Basis
 from ffl.errors import InputError
 from ffl.learn.constraints import Constraints
 from ffl.learn.coordinates import orthonormal
+from ffl.learn.foretold import run_on
 from ffl.learn.norm_optimal import NormOptimal, Update, UpdateReport
 from ffl.learn.weights import Weights
 from ffl.machines import Simulator
@@ -118,7 +119,8 @@ class AlongTrajectory:
         constraints: Constraints | None = None,
         lead: ArrayLike = (),
     ) -> None:
-        self.reference, self._lead = np.asarray(reference, float), np.asarray(lead, float)
+        self.reference = np.asarray(reference, float)
+        self._whole = np.concatenate([np.asarray(lead, float), self.reference])
         self._problem = NormOptimal(model, basis, self.reference, weights, constraints)
         self.regressors, self.weights = self._problem.regressors, weights
         self._stated = basis.stated
@@ -171,17 +173,9 @@ class AlongTrajectory:
         return error - (self.output(self.regressors @ following) - before)
 
     def _run(self, feedforward: Array, load: Array | None = None) -> tuple[Array, Array]:
-        m, simulator = len(self._lead), self._simulator
-        whole = np.concatenate([self._lead, self.reference])
-        run = simulator.run(
-            self._model.effects,
-            whole,
-            np.concatenate([np.full(m, feedforward[0]), feedforward]),
-            force=None if load is None else np.concatenate([np.zeros(m), load]),
-            start=simulator.at_rest(float(whole[0])) if whole[0] else None,
-            command_limit=self._model.machine.command_limit,
-        )
-        return run.y[m:], run.u[m:]
+        run = run_on(self._simulator, self._model, self._whole, feedforward, load)
+        lead = len(self._whole) - len(self.reference)
+        return run.y[lead:], run.u[lead:]
 
     def _descend(self, theta: Array, unsaid: tuple[Array, Array], rounds: int) -> Update:
         """Gauss-Newton from `theta`; `unsaid`: what y and u hold beside the model's."""

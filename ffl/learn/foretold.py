@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffl.errors import InputError
-from ffl.machines import Simulator
+from ffl.machines import Simulation, Simulator
 from ffl.recordings import Recording
 from ffl.systems import Plant
 from ffl.systems.state_space import Array
@@ -44,15 +44,7 @@ def foretold(model: Plant, recording: Recording, feedforward: Array) -> Foretold
     simulator = Simulator(model)
     errors = []
     for f in (recording.f, feedforward):
-        lead = np.full(LEAD, f[0])
-        run = simulator.run(
-            model.effects,
-            whole,
-            np.concatenate([lead, f]),
-            force=None if recording.d is None else np.concatenate([np.zeros(LEAD), recording.d]),
-            start=simulator.at_rest(float(whole[0])),
-            command_limit=model.machine.command_limit,
-        )
+        run = run_on(simulator, model, whole, f, recording.d)
         if run.diverged:
             raise InputError(
                 f"{recording.source}: model '{model.name}' diverges on this reference; its effects "
@@ -60,6 +52,22 @@ def foretold(model: Plant, recording: Recording, feedforward: Array) -> Foretold
             )
         errors.append(r - run.y[LEAD:])
     return Foretold(recording.source, r - recording.y, *errors)
+
+
+def run_on(
+    simulator: Simulator, model: Plant, whole: Array, feedforward: Array, load: Array | None = None
+) -> Simulation:
+    """`model` over the reference `whole` from rest; `feedforward` and `load` (N,) belong to its last N
+    samples: until then f holds its first value, and nothing pushes."""
+    lead = len(whole) - len(feedforward)
+    return simulator.run(
+        model.effects,
+        whole,
+        np.concatenate([np.full(lead, feedforward[0]), feedforward]),
+        force=None if load is None else np.concatenate([np.zeros(lead), load]),
+        start=simulator.at_rest(float(whole[0])) if whole[0] else None,
+        command_limit=model.machine.command_limit,
+    )
 
 
 def led_in(reference: Array) -> Array:

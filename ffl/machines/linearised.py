@@ -8,11 +8,9 @@ import numpy as np
 import scipy.linalg
 
 from ffl.effects import Mechanics, effect_of, is_speed, mechanics_of
-from ffl.effects.linear_mechanics import mechanics_with_effects
-from ffl.systems.plant import EffectSpec, Plant
+from ffl.effects.linear_mechanics import IN_SERIES, mechanics_with_effects, times_of
+from ffl.systems.plant import Plant
 from ffl.systems.state_space import StateSpace, without_unseen
-
-IN_SERIES = {"actuator_lag": "time_constant", "input_delay": "delay"}
 
 
 def linear_part(plant: Plant) -> Plant:
@@ -26,7 +24,7 @@ def linear_part(plant: Plant) -> Plant:
     (kind "from_diagnosis"), which keeps the update convex. A plant without linear effects keeps its
     zeros, poles and gain to the last digit.
     """
-    lag, delay = (_total(plant.effects, name) for name in IN_SERIES)
+    lag, delay = (times_of(plant.effects, name) for name in IN_SERIES)
     if not plant.effects:
         return plant
     mechanics = mechanics_with_effects(plant)
@@ -43,12 +41,6 @@ def linear_part(plant: Plant) -> Plant:
 def is_linear(plant: Plant) -> bool:
     """Whether `linear_part` leaves nothing out that changes how y answers f."""
     return all(e.name in IN_SERIES or effect_of(e).law is None for e in plant.effects)
-
-
-def _total(effects: tuple[EffectSpec, ...], name: str) -> list[float]:
-    """The positive times of all effects of this name."""
-    values = [effect_of(e).check(e)[IN_SERIES[name]] for e in effects if e.name == name]
-    return [value for value in values if value > 0]
 
 
 def _without_way(mechanics: Mechanics) -> Mechanics:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from ffl.diagnose.hypothesis.model import Model
 from ffl.diagnose.hypothesis.places import POINT, placed, point_of
 from ffl.diagnose.screen.candidate import Candidate
-from ffl.machines.linearised import IN_SERIES
+from ffl.effects.linear_mechanics import IN_SERIES
 from ffl.systems.plant import EffectSpec
 
 DRY = frozenset(  # forms of one and the same friction: rivals, never company
